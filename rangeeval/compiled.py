@@ -1,0 +1,23 @@
+"""One decorator for the inner loops: compiled where numba can be had, the same plain Python where it can't.
+
+Numba is imported when a module holding kernels is, so such modules are imported only by the command that needs
+them. Kernels are cached on disk, release the interpreter lock, and keep IEEE arithmetic in written order
+(`fastmath` off): a result must have the same bits on every run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def compiled(function: F) -> F:
+    """Compile `function` with numba (`nogil`, cached), or return it unchanged where numba is not installed."""
+    try:
+        import numba
+    except ImportError:
+        return function
+    compiled_function: F = numba.njit(nogil=True, cache=True)(function)
+    return compiled_function

@@ -1,0 +1,1 @@
+"""Geometry, measurement noise and what the radar equation predicts: arrays in, numbers out."""

@@ -1,0 +1,1 @@
+"""Estimators, their intervals and the tests on them: arrays in, numbers out."""

@@ -1,0 +1,1 @@
+"""Tracking filters, their closed-form statistics and simulated tracks: arrays in, numbers out."""
