@@ -1,0 +1,28 @@
+"""The nouns: log kinds and their columns, tables, trials and their settings, bins, estimates and results."""
+
+from rangeeval.model.bins import Bins
+from rangeeval.model.kinds import KINDS, Column, LogKind, recognise
+from rangeeval.model.result import Estimate, Result
+from rangeeval.model.settings import TrialSettings, settings_from
+from rangeeval.model.table import CHUNK_ROWS, Log, Problem, Table, gather, log_of
+from rangeeval.model.trial import Source, Trial
+
+__all__ = [
+    "CHUNK_ROWS",
+    "KINDS",
+    "Bins",
+    "Column",
+    "Estimate",
+    "Log",
+    "LogKind",
+    "Problem",
+    "Result",
+    "Source",
+    "Table",
+    "Trial",
+    "TrialSettings",
+    "gather",
+    "log_of",
+    "recognise",
+    "settings_from",
+]

@@ -1,0 +1,228 @@
+"""What `trial.toml` may say, as frozen dataclasses: an unknown key is an error that names the nearest known one."""
+
+from __future__ import annotations
+
+import datetime
+import math
+import types
+import typing
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from typing import Any
+
+from rangeeval.errors import SettingsError, did_you_mean, one_line
+from rangeeval.model.kinds import KINDS
+
+
+@dataclass(frozen=True)
+class About:
+    """What the trial was. Free text, Unicode, never trusted as markup."""
+
+    name: str = ""
+    date: str = ""
+    radar: str = ""
+    handling: str = ""
+    software: str = ""
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where the radar stood and how its antenna face was turned."""
+
+    latitude_deg: float | None = None
+    longitude_deg: float | None = None
+    height_m: float = 0.0
+    heading_deg: float = 0.0
+    tilt_deg: float = 0.0
+
+
+@dataclass(frozen=True)
+class Radar:
+    """The radar's parameters, all optional: used for the predicted curves."""
+
+    bandwidth_hz: float | None = None
+    beamwidth_elevation_deg: float | None = None
+    beamwidth_azimuth_deg: float | None = None
+    monopulse_slope: float = 1.6
+    update_interval_s: float | None = None
+    range_floor_m: float = 0.0
+    elevation_floor_deg: float = 0.0
+    azimuth_floor_deg: float = 0.0
+    association_gate_sigmas: float | None = None
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """Where the accelerometers sit and the gravity they feel."""
+
+    radius_upper_m: float | None = None
+    radius_lower_m: float | None = None
+    radius_middle_m: float | None = None
+    gravity_m_s2: float | None = None
+
+
+VARIABLES = ("range", "azimuth", "elevation", "snr", "aspect", "time")
+
+
+@dataclass(frozen=True)
+class BinSettings:
+    """How estimates are binned, in the variable's stored unit; `snr_span_db` makes bins of constant SNR span."""
+
+    variable: str = "range"
+    width: float = 5000.0
+    start: float = 0.0
+    min_samples: int = 30
+    snr_span_db: float | None = None
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """One requirement: the quantity must not exceed `limit` at `confidence` in the bins and samples that `when` selects."""
+
+    quantity: str
+    limit: float
+    confidence: float = 0.95
+    when: Mapping[str, float] = field(default_factory=dict)
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class LogSettings:
+    """How to read a file whose columns or dialect are not the standard ones."""
+
+    file: str
+    kind: str | None = None
+    delimiter: str | None = None
+    decimal: str = "."
+    skip_rows: int = 0
+    encoding: str | None = None
+    columns: Mapping[str, str] = field(default_factory=dict)
+    residual_stage: str = "predicted"
+
+
+@dataclass(frozen=True)
+class TrialSettings:
+    """All of `trial.toml`."""
+
+    trial: About = About()
+    site: Site = Site()
+    radar: Radar = Radar()
+    attitude: Attitude = Attitude()
+    bins: BinSettings = BinSettings()
+    requirements: tuple[Requirement, ...] = ()
+    logs: tuple[LogSettings, ...] = ()
+
+
+def _kind_of(hint: Any) -> str:
+    for wanted, name in (
+        (bool, "true or false"),
+        (int, "a whole number"),
+        (float, "a number"),
+        (str, "text"),
+    ):
+        if hint is wanted or (isinstance(hint, types.UnionType) and wanted in typing.get_args(hint)):
+            return name
+    return "a table"
+
+
+def _value(value: Any, hint: Any, where: str) -> Any:
+    """Check one TOML value against a field's type; numbers must be finite."""
+    if isinstance(hint, types.UnionType):  # `float | None`: TOML has no null
+        hint = next(a for a in typing.get_args(hint) if a is not types.NoneType)
+    if is_dataclass(hint):
+        return _table(value, typing.cast(type, hint), where)
+    origin = typing.get_origin(hint)
+    if origin is tuple:
+        if not isinstance(value, list):
+            raise SettingsError(f"{where}: is {one_line(value, 40)!r}, expected an array of tables ([[...]])")
+        item = typing.get_args(hint)[0]
+        return tuple(_table(v, item, f"{where}[{i}]") for i, v in enumerate(value))
+    if origin is not None:  # Mapping[str, X]
+        if not isinstance(value, dict):
+            raise SettingsError(f"{where}: is {one_line(value, 40)!r}, expected a table")
+        item = typing.get_args(hint)[1]
+        return {k: _value(v, item, f"{where}.{k}") for k, v in value.items()}
+    if hint is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if hint is str and isinstance(value, (datetime.date, datetime.time)):
+        value = value.isoformat()
+    if not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool):
+        raise SettingsError(f"{where}: is {one_line(repr(value), 40)}, expected {_kind_of(hint)}")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise SettingsError(f"{where}: is {value}, expected a finite number")
+    return value
+
+
+def _table(data: Any, shape: type, where: str) -> Any:
+    """Build a settings dataclass from a TOML table; the first unknown or missing key is an error."""
+    if not isinstance(data, dict):
+        raise SettingsError(f"{where}: is {one_line(repr(data), 40)}, expected a table")
+    hints = typing.get_type_hints(shape)
+    known = {f.name: f for f in fields(shape)}
+    values: dict[str, Any] = {}
+    for key, value in data.items():
+        if key not in known:
+            raise SettingsError(f"{where}: unknown key '{one_line(key, 60)}'; {did_you_mean(key, known)}")
+        values[key] = _value(value, hints[key], f"{where}.{key}" if "." in where or ":" in where else f"{where}: {key}")
+    for name, f in known.items():
+        if name not in values and f.default is MISSING and f.default_factory is MISSING:
+            raise SettingsError(f"{where}: the key '{name}' is missing")
+    return shape(**values)
+
+
+def settings_from(data: Mapping[str, Any], where: str = "trial.toml") -> TrialSettings:
+    """Settings from a parsed `trial.toml`. Raises SettingsError naming the file, the key and the nearest known name."""
+    settings = typing.cast(TrialSettings, _table(dict(data), TrialSettings, where))
+    _check(settings, where)
+    return settings
+
+
+def _check(settings: TrialSettings, where: str) -> None:
+    bins = settings.bins
+    if bins.variable not in VARIABLES:
+        raise SettingsError(
+            f"{where}: bins.variable is '{one_line(bins.variable, 40)}'; {did_you_mean(bins.variable, VARIABLES)}"
+        )
+    if bins.width <= 0:
+        raise SettingsError(f"{where}: bins.width is {bins.width:g}, expected more than 0")
+    if bins.snr_span_db is not None and (bins.snr_span_db <= 0 or bins.variable != "range"):
+        raise SettingsError(f'{where}: bins.snr_span_db must be more than 0, and goes with variable = "range"')
+    if bins.snr_span_db is not None and bins.start <= 0:
+        raise SettingsError(
+            f"{where}: bins.start must be more than 0 with bins.snr_span_db (the first bin starts there)"
+        )
+    for i, requirement in enumerate(settings.requirements):
+        at = f"{where}: requirements[{i}]"
+        if not 0.5 <= requirement.confidence < 1:
+            raise SettingsError(f"{at}.confidence is {requirement.confidence:g}, expected 0.5 or more and less than 1")
+        for key in requirement.when:
+            if not key.endswith(("_min", "_max")):
+                raise SettingsError(f"{at}.when: '{one_line(key, 60)}' ends neither in _min nor in _max")
+    for i, log in enumerate(settings.logs):
+        at = f"{where}: logs[{i}]"
+        if log.kind is not None and log.kind not in KINDS:
+            raise SettingsError(f"{at}.kind is '{one_line(log.kind, 40)}'; {did_you_mean(log.kind, KINDS)}")
+        if log.decimal not in {".", ","}:
+            raise SettingsError(f"{at}.decimal is '{one_line(log.decimal, 10)}', expected '.' or ','")
+        if log.delimiter is not None and (len(log.delimiter) != 1 or log.delimiter == log.decimal):
+            raise SettingsError(
+                f"{at}.delimiter is '{one_line(log.delimiter, 10)}', expected one character, not the decimal sign"
+            )
+        if log.skip_rows < 0:
+            raise SettingsError(f"{at}.skip_rows is {log.skip_rows}, expected 0 or more")
+        if log.residual_stage not in {"predicted", "updated"}:
+            raise SettingsError(
+                f"{at}.residual_stage is '{one_line(log.residual_stage, 40)}'; known: predicted, updated"
+            )
+    radar = settings.radar
+    for name in (
+        "bandwidth_hz",
+        "beamwidth_elevation_deg",
+        "beamwidth_azimuth_deg",
+        "monopulse_slope",
+        "update_interval_s",
+    ):
+        value = getattr(radar, name)
+        if value is not None and value <= 0:
+            raise SettingsError(f"{where}: radar.{name} is {value:g}, expected more than 0")
