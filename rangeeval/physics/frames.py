@@ -98,9 +98,7 @@ def beam_to_cartesian(range_m: ArrayLike, y_m: ArrayLike, z_m: ArrayLike) -> Flo
     return np.stack([x, y + 0 * x, z + 0 * x], axis=-1)
 
 
-def array_angles_to_azimuth_elevation(
-    theta_e: ArrayLike, theta_a: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
+def array_angles_to_azimuth_elevation(theta_e: ArrayLike, theta_a: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Azimuth (from boresight, towards the right) and elevation in the ACS from the array angles, all in rad.
 
     NaN where no direction in front of the array has these angles.
@@ -111,9 +109,7 @@ def array_angles_to_azimuth_elevation(
     return np.arctan2(s_a, x), np.where(np.isnan(x), np.nan, _float(theta_e))[()]
 
 
-def azimuth_elevation_to_array_angles(
-    azimuth: ArrayLike, elevation: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
+def azimuth_elevation_to_array_angles(azimuth: ArrayLike, elevation: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Array angles (theta_e, theta_a) from azimuth and elevation in the ACS, all in rad."""
     az, el = np.broadcast_arrays(_float(azimuth), _float(elevation))
     return el[()], np.arcsin(np.cos(el) * np.sin(az))
@@ -129,9 +125,9 @@ def azimuth_error(
     az, el = _float(azimuth), _float(elevation)
     cos_theta_a = np.sqrt(1 - (np.cos(el) * np.sin(az)) ** 2)
     with np.errstate(divide="ignore", invalid="ignore"):
-        error: FloatArray = (
-            cos_theta_a * _float(theta_a_error) + np.sin(el) * np.sin(az) * _float(theta_e_error)
-        ) / (np.cos(el) * np.cos(az))
+        error: FloatArray = (cos_theta_a * _float(theta_a_error) + np.sin(el) * np.sin(az) * _float(theta_e_error)) / (
+            np.cos(el) * np.cos(az)
+        )
     return error
 
 

@@ -68,9 +68,7 @@ def cross_range_sigma(
     """
     s = _float(sine)
     cosine = np.sqrt(np.clip(1 - s**2, 0.0, None))
-    sigma: FloatArray = np.hypot(
-        _float(range_m) * cosine * _float(angle_sigma_rad), s * _float(range_sigma_m)
-    )
+    sigma: FloatArray = np.hypot(_float(range_m) * cosine * _float(angle_sigma_rad), s * _float(range_sigma_m))
     return sigma
 
 

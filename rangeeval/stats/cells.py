@@ -40,8 +40,8 @@ RESTART, DROP, SKIP = 1, 2, 4
 (Q0, Q1, Q2, W0, W1, W2, U0, U1, U2, V0, V1, V2) = range(6, 18)
 (SUM_ALPHA, MIN_ALPHA, MAX_ALPHA, SUM_BETA, SUM_R, SUM_C) = range(18, 24)
 (N_SNR, SUM_SNR, MIN_SNR, MAX_SNR, SUM_NOISE, SUM_FLOOR) = range(24, 30)
-(MIN_X, MIN_T, MAX_X, MAX_T, N_STARTUP, N_STRETCH, LONGEST) = range(30, 37)
-_COLUMNS = 37
+(MIN_X, MIN_T, MAX_X, MAX_T, N_STARTUP, N_STRETCH, LONGEST, N_BEYOND) = range(30, 38)
+_COLUMNS = 38
 
 # Columns of a track's state on one axis.
 (_SINCE, _STEADY, _ALPHA, _CELL, _LENGTH, _POSITION, _RUN) = range(7)
@@ -268,14 +268,17 @@ def _add(  # type: ignore[no-untyped-def]
             y = cross[j]
             square = (r - y) * (r + y)
             o[SUM_C] += y
-            u = q / square
-            o[U0] += u
-            o[U1] += u * d
-            o[U2] += u * d * d
-            u = white / square
-            o[V0] += u
-            o[V1] += u * d
-            o[V2] += u * d * d
+            if square > 0.0:
+                u = q / square
+                o[U0] += u
+                o[U1] += u * d
+                o[U2] += u * d * d
+                u = white / square
+                o[V0] += u
+                o[V1] += u * d
+                o[V2] += u * d * d
+            else:
+                o[N_BEYOND] += 1.0
         o[SUM_ALPHA] += a
         o[SUM_BETA] += b
         if n == 0.0:
@@ -473,6 +476,11 @@ class Cell:
     def n(self) -> int:
         """How many samples."""
         return int(self.sums[N])
+
+    @property
+    def startup(self) -> int:
+        """How many updates were left out because the filter had not settled."""
+        return int(self.sums[N_STARTUP])
 
     @property
     def exact(self) -> bool:

@@ -82,9 +82,7 @@ class LagSums:
         return rho
 
 
-def lag_sums(
-    values: ArrayLike, lags: int, stretch: ArrayLike | None = None, *, origin: float = 0.0
-) -> LagSums:
+def lag_sums(values: ArrayLike, lags: int, stretch: ArrayLike | None = None, *, origin: float = 0.0) -> LagSums:
     """Gather lag sums of `values` (n) in time order; `stretch` (n) numbers the stretch of each, ascending.
 
     A value that is not finite is a gap: it counts nowhere, but keeps its place. Choose an `origin` near the
@@ -247,9 +245,7 @@ def _beyond_zero(rho: ArrayLike) -> FloatArray:
 
 def _pair_weights(rho: ArrayLike, n: float, pairs: ArrayLike | None) -> FloatArray:
     k = np.arange(1, _float(rho).size)
-    weights: FloatArray = (
-        np.clip(1 - k / n, 0.0, None) if pairs is None else _float(pairs)[1 : k.size + 1] / n
-    )
+    weights: FloatArray = np.clip(1 - k / n, 0.0, None) if pairs is None else _float(pairs)[1 : k.size + 1] / n
     return weights
 
 

@@ -128,9 +128,7 @@ def spearman(x: ArrayLike, y: ArrayLike) -> TestResult:
 
 def ranks(values: ArrayLike) -> FloatArray:
     """Give the rank of each value from 1; equal values share their mean rank."""
-    inverse, counts = np.unique(
-        np.asarray(values, dtype=np.float64), return_inverse=True, return_counts=True
-    )[1:]
+    inverse, counts = np.unique(np.asarray(values, dtype=np.float64), return_inverse=True, return_counts=True)[1:]
     last = np.cumsum(counts)
     shared: FloatArray = (last - (counts - 1) / 2.0)[inverse]
     return shared

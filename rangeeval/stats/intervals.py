@@ -19,9 +19,7 @@ FloatArray = NDArray[np.float64]
 Verdict = Literal["pass", "fail", "inconclusive"]
 
 
-def degrees_of_freedom(
-    n_eff: ArrayLike, *, mean_removed: bool = True, kurtosis: ArrayLike = 3.0
-) -> FloatArray:
+def degrees_of_freedom(n_eff: ArrayLike, *, mean_removed: bool = True, kurtosis: ArrayLike = 3.0) -> FloatArray:
     """Degrees of freedom of a variance estimate, less one for a removed mean, fewer for heavy tails.
 
     Heavy tails scatter s^2 more: its variance grows by (kurtosis - 1)/2, so nu becomes 2 nu / (kurtosis - 1).
@@ -160,9 +158,7 @@ def _chi_over_nu(nu: ArrayLike, probability: float) -> FloatArray:
     half = np.where(dof > 0, dof, np.nan) / 2
     # The upper tail has its own inverse: 1 - p would lose the digits of a small p.
     quantile = (
-        special.gammaincinv(half, probability)
-        if probability < 0.5
-        else special.gammainccinv(half, 1 - probability)
+        special.gammaincinv(half, probability) if probability < 0.5 else special.gammainccinv(half, 1 - probability)
     )
     root: FloatArray = np.sqrt(quantile / half)
     return root[()]

@@ -41,9 +41,7 @@ def residual_sigma(n: ArrayLike, mean: ArrayLike, m2: ArrayLike, mode: Mode = "m
     return _root(total, count, mode)
 
 
-def weighted_sigma(
-    n: ArrayLike, mean: ArrayLike, weighted: WeightedMoments, mode: Mode = "mean_removed"
-) -> FloatArray:
+def weighted_sigma(n: ArrayLike, mean: ArrayLike, weighted: WeightedMoments, mode: Mode = "mean_removed") -> FloatArray:
     """Sigma of estimates from residuals that each carry their own ratio as weight; NaN for fewer than two.
 
     `n`, `mean`: count and unweighted mean of the same residuals, per group. With weights q the result is
@@ -185,9 +183,7 @@ def angle_sigma(
     per_sample = float(weighted_sigma(float(cross.n), cross.mean, w, mode)[0])
     if not np.all(depth[kept] > 0):
         per_sample = np.nan
-    return AngleSigma(
-        cross, range_mean, cross_mean, float(sigma), per_sample, angle_flag(cross.n, float(cosine))
-    )
+    return AngleSigma(cross, range_mean, cross_mean, float(sigma), per_sample, angle_flag(cross.n, float(cosine)))
 
 
 def sigma_to_angle(

@@ -122,9 +122,7 @@ def position_velocity_covariance(
     return _times_square(b * (2 * a - b) / (np.asarray(interval_s) * _denominator(a, b)), sigma_v)
 
 
-def velocity_variance(
-    alpha: ArrayLike, beta: ArrayLike, interval_s: ArrayLike, sigma_v: ArrayLike = 1.0
-) -> FloatArray:
+def velocity_variance(alpha: ArrayLike, beta: ArrayLike, interval_s: ArrayLike, sigma_v: ArrayLike = 1.0) -> FloatArray:
     """Variance of the filtered velocity at constant velocity, in (unit of sigma_v / s)^2.
 
     References
@@ -223,9 +221,7 @@ def samples_to_tell_regimes(alpha: ArrayLike, beta: ArrayLike) -> FloatArray:
     return count
 
 
-def residual_mean_under_acceleration(
-    acceleration: ArrayLike, beta: ArrayLike, interval_s: ArrayLike
-) -> FloatArray:
+def residual_mean_under_acceleration(acceleration: ArrayLike, beta: ArrayLike, interval_s: ArrayLike) -> FloatArray:
     """Mean residual while the target accelerates steadily: a T^2 / beta."""
     lag: FloatArray = _float(acceleration) * _float(interval_s) ** 2 / _float(beta)
     return lag
@@ -316,9 +312,7 @@ def residual_autocovariance(
     ----------
     Mehra (1970), On the identification of variances and adaptive Kalman filtering.
     """
-    predicted = steady_state_covariance(alpha, beta, interval_s=interval_s, sigma_v=sigma_v, sigma_a=sigma_a)[
-        1
-    ]
+    predicted = steady_state_covariance(alpha, beta, interval_s=interval_s, sigma_v=sigma_v, sigma_a=sigma_a)[1]
     predicted = predicted * np.outer([1.0, interval_s], [1.0, interval_s])
     phi = np.array([[1.0, 1.0], [0.0, 1.0]])
     gain = np.array([alpha, beta])

@@ -126,9 +126,7 @@ def simulate(scenario: Scenario, seed: int) -> TrackLog:
     legs = 2 if s.outbound else 1
     tracks = s.flights * legs
     if steps < 3:
-        raise ValueError(
-            f"the flight has {steps} measurements; lengthen it so that a track of 3 or more can form"
-        )
+        raise ValueError(f"the flight has {steps} measurements; lengthen it so that a track of 3 or more can form")
 
     generator = np.random.default_rng(seed)
     # Drawn here and in this order, so that the kernel stays free of random state.
@@ -254,9 +252,7 @@ def _fly(
                 for i in range(3):
                     estimate[i] += rate[i] * t
                 for i in range(3):
-                    array_p[i] = (
-                        face[i, 0] * estimate[0] + face[i, 1] * estimate[1] + face[i, 2] * estimate[2]
-                    )
+                    array_p[i] = face[i, 0] * estimate[0] + face[i, 1] * estimate[1] + face[i, 2] * estimate[2]
                     array_v[i] = face[i, 0] * rate[0] + face[i, 1] * rate[1] + face[i, 2] * rate[2]
                 r_bar = np.sqrt(array_p[0] ** 2 + array_p[1] ** 2 + array_p[2] ** 2)
                 y_bar = array_p[1]
