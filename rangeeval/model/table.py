@@ -114,7 +114,7 @@ class Log:
 
     `pieces(names)` yields tables of at most `CHUNK_ROWS` rows with those of the named columns the log has (all when
     None), converted to SI, with the problems met in them; reading twice gives the same. `stage` is `predicted` for
-    residuals before the update, `updated` for those after it.
+    residuals before the update, `updated` for those after it. `written` is the name each column has in its file.
     """
 
     kind: str
@@ -123,6 +123,7 @@ class Log:
     pieces: Chunks
     rows: int | None = None
     stage: str = "predicted"
+    written: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def definition(self) -> LogKind:

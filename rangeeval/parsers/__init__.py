@@ -1,0 +1,149 @@
+"""Parsers: bytes in, canonical tables out, in SI units, with what could not be read named and counted."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from rangeeval.errors import InputError, one_line
+from rangeeval.model import Problem, Source, Trial, TrialSettings
+from rangeeval.parsers import hdf5, text
+from rangeeval.parsers.blocks import Contents, SourceFile
+from rangeeval.parsers.hashing import sha256_of
+from rangeeval.parsers.settings import FILE, file_of, read_settings
+
+HEAD_BYTES = 4096
+
+
+@dataclass(frozen=True)
+class Format:
+    """A file format: whether these first bytes are of it (never the name), and how its logs are read."""
+
+    recognises: Callable[[bytes, Path], bool]
+    read: Callable[[SourceFile], Contents]
+
+
+# Asked in this order; text last, since a binary file may begin like text.
+FORMATS: dict[str, Format] = {
+    "hdf5": Format(hdf5.recognises, hdf5.read),
+    "text": Format(text.recognises, text.read),
+}
+
+# What reports and notes begin with: files that stand beside logs and are none.
+_NOT_LOGS = (b"%PDF", b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"<!doctype", b"<html", b"<svg", b"<?xml", b"{", b"[")
+
+
+def formats() -> Mapping[str, Format]:
+    """Every format: the built-in ones, and those of installed packages (entry points `rangeeval.formats`)."""
+    from importlib.metadata import entry_points
+
+    added = {point.name: point.load() for point in entry_points(group="rangeeval.formats")}
+    return {**added, **FORMATS}
+
+
+def open_trial(
+    paths: str | os.PathLike[str] | Iterable[str | os.PathLike[str]], *, settings: TrialSettings | None = None
+) -> Trial:
+    """Open a trial: a folder of logs, or one or several log files. Rows are read later, piece by piece.
+
+    Of a folder, its own files are read and those that `[[logs]]` of its `trial.toml` names; subfolders are not
+    searched. `settings` replaces `trial.toml`. Raises InputError or SettingsError, in one line, for what cannot be used.
+    """
+    chosen = [Path(paths)] if isinstance(paths, (str, os.PathLike)) else [Path(p) for p in paths]
+    if not chosen:
+        raise InputError("no trial folder and no log file given")
+    for path in chosen:
+        if not path.exists():
+            raise InputError(f"{one_line(path)}: no such file or folder")
+    folders = [path for path in chosen if path.is_dir()]
+    if folders and len(chosen) > 1:
+        raise InputError(f"give one trial folder or log files, not {one_line(folders[0])} and others together")
+    if folders:
+        return _folder(folders[0], settings)
+    named = [path for path in chosen if path.name == FILE]
+    if named and settings is None:
+        settings = read_settings(named[0])
+    files = [SourceFile(path, one_line(path.name)) for path in chosen if path.name != FILE]
+    folder = chosen[0].resolve().parent
+    name = files[0].path.stem if len(files) == 1 else folder.name
+    files = [replace(file, settings=_settings_of(file, folder, settings)) for file in files]
+    return _trial(name, files, settings or TrialSettings(), must=True)
+
+
+def _settings_of(file: SourceFile, folder: Path, settings: TrialSettings | None) -> object:
+    for log in settings.logs if settings else ():
+        if (folder / log.file).resolve() == file.path.resolve():
+            return log
+    return None
+
+
+def _folder(folder: Path, settings: TrialSettings | None) -> Trial:
+    name = folder.resolve().name
+    where = f"{one_line(name)}/{FILE}"
+    if settings is None:
+        settings = read_settings(folder / FILE, where) if (folder / FILE).is_file() else TrialSettings()
+    described = {file_of(folder, log.file, where).resolve(): log for log in settings.logs}
+    files: dict[Path, SourceFile] = {}
+    for entry in sorted(folder.iterdir()):
+        # Only plain files: opening a pipe or a device could wait for ever.
+        if not entry.name.startswith(".") and entry.name != FILE and _is_plain(entry):
+            files[entry.resolve()] = SourceFile(
+                entry, f"{one_line(name)}/{one_line(entry.name)}", described.get(entry.resolve())
+            )
+    for path, log in described.items():
+        if path not in files:
+            files[path] = SourceFile(folder / log.file, f"{one_line(name)}/{one_line(log.file)}", log)
+    return _trial(name, list(files.values()), settings, must=False)
+
+
+def _is_plain(path: Path) -> bool:
+    try:
+        return stat.S_ISREG(path.stat().st_mode)
+    except OSError:
+        return False
+
+
+def _trial(name: str, files: Sequence[SourceFile], settings: TrialSettings, *, must: bool) -> Trial:
+    logs = []
+    sources: list[Source] = []
+    problems: list[Problem] = []
+    known = formats()
+    for file in files:
+        format_name, contents = _read(file, known)
+        if not contents.logs:
+            if must or file.settings is not None:
+                raise InputError(f"{file.name}: not recognised as a log: {contents.unrecognised}")
+            if contents.unrecognised:
+                problems.append(Problem(file.name, f"not recognised as a log: {contents.unrecognised}"))
+            continue
+        logs += contents.logs
+        problems += contents.problems
+        kinds = ", ".join(dict.fromkeys(log.kind for log in contents.logs))
+        inside = file.name.split("/", 1)[-1]
+        sources.append(Source(inside, str(file.path), format_name, kinds, file.path.stat().st_size))
+    if not logs:
+        seen = "; ".join(f"{p.where}: {p.reason}" for p in problems[:3])
+        raise InputError(f"{one_line(name)}: no log was recognised in it" + (f" ({seen})" if seen else ""))
+    return Trial(name, tuple(logs), settings, tuple(sources), tuple(problems))
+
+
+def _read(file: SourceFile, known: Mapping[str, Format]) -> tuple[str, Contents]:
+    try:
+        with file.path.open("rb") as stream:
+            head = stream.read(HEAD_BYTES)
+    except OSError as error:
+        raise InputError(f"{file.name}: cannot be read ({error.strerror})") from None
+    if not head:
+        return "", Contents(unrecognised="the file is empty")
+    if head.lstrip(b"\xef\xbb\xbf \t\r\n").lower().startswith(_NOT_LOGS) and file.settings is None:
+        return "", Contents()
+    for format_name, entry in known.items():
+        if entry.recognises(head, file.path):
+            return format_name, entry.read(file)
+    return "", Contents(unrecognised="its content is of no known format")
+
+
+__all__ = ["FORMATS", "Format", "formats", "open_trial", "read_settings", "sha256_of"]

@@ -1,0 +1,275 @@
+"""HDF5: datasets of a group as columns, a compound dataset, or a 2-D dataset with a `columns` attribute.
+
+A file is first looked into by a child process (`safe`), which refuses what could read other files or run code:
+external links, external storage, virtual datasets, filters beyond the standard ones, object references.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rangeeval.errors import InputError, one_line
+from rangeeval.model import CHUNK_ROWS, Problem
+from rangeeval.parsers import safe
+from rangeeval.parsers.blocks import Block, Contents, SourceFile, Written, log_from
+from rangeeval.parsers.columns import Field, lay_out
+
+MAGIC = b"\x89HDF\r\n\x1a\n"
+MAX_DEPTH = 32
+MAX_OBJECTS = 100_000
+MAX_CHUNK_BYTES = 256 << 20
+_CACHE_BYTES = 128 << 20
+# deflate, shuffle, fletcher32, szip, and h5py's own lzf; any other is code loaded from a path.
+FILTERS = frozenset({1, 2, 3, 4, 32000})
+# deflate cannot do better than 1032 to 1; a file that declares more holds rows that were never written.
+_MOST_EXPANSION = 1100
+_SMALL = 64 << 20
+
+
+def recognises(head: bytes, path: Path) -> bool:
+    """The HDF5 signature at the start, or after a user block."""
+    return head.startswith(MAGIC) or (len(head) >= 520 and head[512:520] == MAGIC and not head.startswith(b"MATLAB"))
+
+
+def read(file: SourceFile) -> Contents:
+    """The logs of an HDF5 file: every group whose datasets make one, every compound or 2-D table that does."""
+    looked = safe.call(__name__, "audit", str(file.path), file.name)
+    logs = []
+    problems = [Problem(file.name, text) for text in looked["notes"]]
+    for table in looked["tables"]:
+        where = file.name if table["path"] == "/" else f"{file.name}:{one_line(table['path'], 100)}"
+        names = tuple(c["name"] for c in table["columns"])
+        usable = [c for c in table["columns"] if c["kind"] in {"number", "text"}]
+        layout = lay_out(tuple(c["name"] for c in usable), where, file.kind or table["kind"], file.columns)
+        if layout is None:
+            continue
+        problems += layout.problems
+        fields = [c["name"] for c in usable]
+        written = Written(
+            where,
+            tuple(fields),
+            _reader(file.path, where, table, usable),
+            lambda row, where=where: f"{where}[{row}]",  # type: ignore[misc]
+            lengths=tuple(c["rows"] for c in usable),
+            stage=table["stage"],
+        )
+        logs.append(log_from(written, layout, file))
+        if unusable := sorted(set(names) - set(fields)):
+            shown = ", ".join(one_line(name, 60) for name in unusable[:10])
+            problems.append(Problem(where, f"columns that are neither numbers nor text are not read: {shown}"))
+    if not logs:
+        return Contents(unrecognised="no group of datasets, compound or 2-D dataset in it has the columns of a log")
+    return Contents(tuple(logs), tuple(problems))
+
+
+def _reader(path: Path, where: str, table: dict[str, Any], usable: list[dict[str, Any]]) -> Any:
+    def blocks(fields: Sequence[Field]) -> Iterator[Block]:
+        import h5py
+
+        wanted = [usable[f.position] for f in fields]
+        rows = wanted[0]["rows"]
+        chunk_bytes = [c["chunk_bytes"] for c in wanted if CHUNK_ROWS % max(c["chunk_rows"], 1)]
+        # Pieces that cut a stored chunk would decompress it twice; one chunk a column is kept when that is cheap.
+        options = {}
+        if chunk_bytes and sum(chunk_bytes) <= _CACHE_BYTES:
+            options = {"rdcc_nbytes": max(1 << 20, *chunk_bytes), "rdcc_nslots": 101, "rdcc_w0": 1.0}
+        try:
+            with h5py.File(path, "r", locking=False, **options) as f:
+                read_piece = _table_pieces(f, table, wanted) if table["form"] != "group" else _piece(f, wanted)
+                for start in range(0, rows, CHUNK_ROWS):
+                    stop = min(rows, start + CHUNK_ROWS)
+                    try:
+                        yield Block(read_piece(start, stop), start)
+                    except (OSError, RuntimeError, ValueError, KeyError, TypeError, OverflowError) as error:
+                        raise InputError(
+                            f"{where}: rows {start} to {stop - 1} cannot be read, the file is damaged or cut off "
+                            f"({one_line(error, 120)})"
+                        ) from error
+        except (OSError, RuntimeError, KeyError) as error:
+            raise InputError(f"{where}: cannot be opened ({one_line(error, 120)})") from error
+
+    return blocks
+
+
+def _piece(file: Any, wanted: Sequence[dict[str, Any]]) -> Any:
+    datasets = [file[c["path"]] for c in wanted]
+
+    def read_piece(start: int, stop: int) -> list[NDArray[Any]]:
+        columns = []
+        for dataset, column in zip(datasets, wanted, strict=True):
+            if dataset.shape != (column["rows"],):
+                raise InputError(f"{column['path']}: the file changed while it was read")
+            if column["kind"] == "number" and dataset.dtype.kind != "b":
+                values: NDArray[Any] = np.empty(stop - start, dataset.dtype)
+                dataset.read_direct(values, np.s_[start:stop])
+                columns.append(values)
+            else:
+                columns.append(dataset[start:stop])
+        return columns
+
+    return read_piece
+
+
+def _table_pieces(file: Any, table: dict[str, Any], wanted: Sequence[dict[str, Any]]) -> Any:
+    dataset = file[table["path"]]
+
+    def read_piece(start: int, stop: int) -> list[NDArray[Any]]:
+        if table["form"] == "compound":
+            names = [c["name"] for c in wanted]
+            rows = dataset.fields(names)[start:stop]
+            return [np.ascontiguousarray(rows[name]) for name in names]
+        block = dataset[start:stop]
+        return [np.ascontiguousarray(block[:, c["index"]]) for c in wanted]
+
+    return read_piece
+
+
+# --- in the child ----------------------------------------------------------------------------------------------------
+
+
+def audit(path: str) -> dict[str, Any]:
+    """What an HDF5 file holds that could be a log, as plain values. Raises InputError for what is refused.
+
+    Every object that reading will open is opened here first, and the index of its chunks walked: what crashes the
+    HDF5 library, or sends it round in circles, does so in the process that calls this.
+    """
+    import h5py
+
+    try:
+        file = h5py.File(path, "r", locking=False)
+    except OSError as error:
+        text = str(error)
+        if "truncated" in text:
+            raise InputError(f"the file is truncated ({one_line(text, 200)})") from None
+        raise InputError(f"the file is damaged or not HDF5 ({one_line(text, 200)})") from None
+    with file:
+        audit_ = _Audit(h5py, file)
+        audit_.group(file, "/", 0)
+    return {"tables": audit_.tables, "notes": audit_.notes}
+
+
+class _Audit:
+    def __init__(self, h5py: Any, file: Any) -> None:
+        self.h5py = h5py
+        self.seen: set[Any] = set()
+        self.tables: list[dict[str, Any]] = []
+        self.notes: list[str] = []
+        self.file = file
+
+    def group(self, group: Any, path: str, depth: int) -> None:
+        if depth > MAX_DEPTH:
+            raise InputError(f"groups are nested deeper than {MAX_DEPTH}")
+        h5 = self.h5py
+        columns: list[dict[str, Any]] = []
+        inner: list[tuple[Any, str]] = []
+        for name in group:
+            here = f"{path.rstrip('/')}/{name}"
+            link = group.id.links.get_info(name.encode("utf-8", "surrogateescape"))
+            if link.type == h5.h5l.TYPE_EXTERNAL:
+                raise InputError(f"'{one_line(here, 100)}' is a link to another file; such files are not read")
+            if link.type != h5.h5l.TYPE_HARD:
+                self.notes.append(f"the soft link '{one_line(here, 100)}' is not followed")
+                continue
+            item = group[name]
+            address = h5.h5o.get_info(item.id).addr
+            if address in self.seen and not isinstance(item, h5.Dataset):
+                continue
+            self.seen.add(address)
+            if len(self.seen) > MAX_OBJECTS:
+                raise InputError(f"it holds more than {MAX_OBJECTS} objects")
+            if isinstance(item, h5.Group):
+                inner.append((item, here))
+            elif isinstance(item, h5.Dataset):
+                self.dataset(item, here, name, columns)
+        if columns:
+            attributes = self.attributes(group)
+            self.tables.append({"path": path, "form": "group", "columns": columns, **attributes})
+        for item, here in inner:
+            self.group(item, here, depth + 1)
+
+    def dataset(self, dataset: Any, path: str, name: str, columns: list[dict[str, Any]]) -> None:
+        shown = one_line(path, 100)
+        plist = dataset.id.get_create_plist()
+        if plist.get_layout() == self.h5py.h5d.VIRTUAL:
+            raise InputError(f"'{shown}' is a virtual dataset, which reads other files; such files are not read")
+        if plist.get_external_count() > 0:
+            raise InputError(f"'{shown}' keeps its values in another file; such files are not read")
+        for i in range(plist.get_nfilters()):
+            code = plist.get_filter(i)[0]
+            if code not in FILTERS:
+                raise InputError(
+                    f"'{shown}' is compressed with filter {code}; only gzip, shuffle, fletcher32, szip and lzf are read"
+                )
+        shape = dataset.shape
+        if shape is None or not 1 <= len(shape) <= 2:
+            return
+        dtype = dataset.dtype
+        rows = int(shape[0])
+        chunk_rows, chunk_bytes = 0, 0
+        if dataset.chunks is not None:
+            chunk_rows = int(dataset.chunks[0])
+            chunk_bytes = int(np.prod(dataset.chunks, dtype=object)) * dtype.itemsize
+            if chunk_bytes > MAX_CHUNK_BYTES:
+                raise InputError(
+                    f"'{shown}' is stored in chunks of {chunk_bytes} bytes; at most {MAX_CHUNK_BYTES} are read"
+                )
+            dataset.id.get_num_chunks()  # walks the index of the chunks
+        size = int(np.prod(shape, dtype=object)) * dtype.itemsize
+        if size > _SMALL and size > _MOST_EXPANSION * max(dataset.id.get_storage_size(), 1):
+            raise InputError(f"'{shown}' declares {rows} rows and stores {dataset.id.get_storage_size()} bytes")
+        described = {"rows": rows, "chunk_rows": chunk_rows, "chunk_bytes": chunk_bytes, "path": path}
+        if len(shape) == 1 and dtype.names:
+            fields = [
+                {**described, "name": field, "kind": _kind(dtype[field], self.h5py)} for field in dtype.names
+            ]
+            self.tables.append({"path": path, "form": "compound", "columns": fields, **self.attributes(dataset)})
+        elif len(shape) == 1:
+            columns.append({**described, "name": name, "kind": _kind(dtype, self.h5py)})
+        elif dtype.kind in "iuf":
+            names = self.names(dataset)
+            if len(names) != shape[1]:
+                return
+            fields = [{**described, "name": n, "kind": "number", "index": i} for i, n in enumerate(names)]
+            self.tables.append({"path": path, "form": "matrix", "columns": fields, **self.attributes(dataset)})
+
+    def attributes(self, item: Any) -> dict[str, Any]:
+        return {"stage": self.text(item, "residual_stage"), "kind": None}
+
+    def text(self, item: Any, name: str) -> str | None:
+        value = self.value(item, name)
+        if isinstance(value, bytes):
+            value = value.decode("utf-8", "replace")
+        return value if isinstance(value, str) else None
+
+    def names(self, item: Any) -> list[str]:
+        value = self.value(item, "columns")
+        if value is None:
+            return []
+        cells = np.atleast_1d(np.asarray(value, dtype=object)).tolist()
+        if len(cells) == 1 and isinstance(cells[0], (str, bytes)):
+            text = cells[0].decode("utf-8", "replace") if isinstance(cells[0], bytes) else cells[0]
+            return text.split(",")
+        return [c.decode("utf-8", "replace") if isinstance(c, bytes) else str(c) for c in cells]
+
+    def value(self, item: Any, name: str) -> Any:
+        if name not in item.attrs:
+            return None
+        attribute = item.attrs.get_id(name)
+        if int(np.prod(attribute.shape, dtype=object)) > 10_000:
+            return None
+        if _kind(attribute.dtype, self.h5py) != "text":
+            return None
+        return item.attrs[name]
+
+
+def _kind(dtype: Any, h5py: Any) -> str:
+    if dtype.kind in "iufb" and dtype.shape == () and h5py.check_ref_dtype(dtype) is None:
+        return "number"
+    if h5py.check_string_dtype(dtype) is not None:
+        return "text"
+    return "other"
