@@ -95,7 +95,7 @@ def check(
 
 def provenance(trial: Trial) -> dict[str, Any]:
     """What the result was made from and with: the trial's own words, its files with their SHA-256, versions."""
-    from rangeeval.parsers.hashes import sha256_of
+    from rangeeval.parsers.hashing import sha256_of
 
     digests = sha256_of(trial.sources)
     return {
