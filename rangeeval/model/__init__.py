@@ -6,6 +6,7 @@ from rangeeval.model.result import Estimate, Result
 from rangeeval.model.settings import TrialSettings, settings_from
 from rangeeval.model.table import CHUNK_ROWS, Log, Problem, Table, gather, log_of
 from rangeeval.model.trial import Source, Trial
+from rangeeval.model.updates import updates
 
 __all__ = [
     "CHUNK_ROWS",
@@ -25,4 +26,5 @@ __all__ = [
     "log_of",
     "recognise",
     "settings_from",
+    "updates",
 ]

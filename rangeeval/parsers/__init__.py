@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rangeeval.errors import InputError, one_line
-from rangeeval.model import Problem, Source, Trial, TrialSettings
-from rangeeval.parsers import hdf5, text
+from rangeeval.model import Log, Problem, Source, Trial, TrialSettings
+from rangeeval.model.settings import LogSettings
+from rangeeval.parsers import hdf5, numpy_files, parquet, text
 from rangeeval.parsers.blocks import Contents, SourceFile
 from rangeeval.parsers.hashing import sha256_of
 from rangeeval.parsers.settings import FILE, file_of, read_settings
@@ -29,6 +30,9 @@ class Format:
 # Asked in this order; text last, since a binary file may begin like text.
 FORMATS: dict[str, Format] = {
     "hdf5": Format(hdf5.recognises, hdf5.read),
+    "parquet": Format(parquet.recognises, parquet.read),
+    "npz": Format(numpy_files.recognises_npz, numpy_files.read_npz),
+    "npy": Format(numpy_files.recognises_npy, numpy_files.read_npy),
     "text": Format(text.recognises, text.read),
 }
 
@@ -50,7 +54,7 @@ def open_trial(
     """Open a trial: a folder of logs, or one or several log files. Rows are read later, piece by piece.
 
     Of a folder, its own files are read and those that `[[logs]]` of its `trial.toml` names; subfolders are not
-    searched. `settings` replaces `trial.toml`. Raises InputError or SettingsError, in one line, for what cannot be used.
+    searched. `settings` replaces `trial.toml`. Raises InputError or SettingsError for what cannot be used.
     """
     chosen = [Path(paths)] if isinstance(paths, (str, os.PathLike)) else [Path(p) for p in paths]
     if not chosen:
@@ -73,7 +77,7 @@ def open_trial(
     return _trial(name, files, settings or TrialSettings(), must=True)
 
 
-def _settings_of(file: SourceFile, folder: Path, settings: TrialSettings | None) -> object:
+def _settings_of(file: SourceFile, folder: Path, settings: TrialSettings | None) -> LogSettings | None:
     for log in settings.logs if settings else ():
         if (folder / log.file).resolve() == file.path.resolve():
             return log
@@ -107,7 +111,7 @@ def _is_plain(path: Path) -> bool:
 
 
 def _trial(name: str, files: Sequence[SourceFile], settings: TrialSettings, *, must: bool) -> Trial:
-    logs = []
+    logs: list[Log] = []
     sources: list[Source] = []
     problems: list[Problem] = []
     known = formats()

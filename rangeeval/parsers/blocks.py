@@ -106,9 +106,7 @@ def log_from(written: Written, layout: Layout, file: SourceFile) -> Log:
         rows = next(iter(lengths.values()))
     stage = written.stage or "predicted"
     if stage not in {"predicted", "updated"}:
-        raise InputError(
-            f"{written.where}: residual_stage is '{one_line(stage, 40)}'; known: predicted, updated"
-        )
+        raise InputError(f"{written.where}: residual_stage is '{one_line(stage, 40)}'; known: predicted, updated")
     if file.settings is not None and file.settings.residual_stage != "predicted":
         stage = file.settings.residual_stage
 
@@ -183,9 +181,7 @@ def _numbers(
     return numbers, wrong, problems
 
 
-def _left_out(
-    f: Field, rows: NDArray[np.bool_], block: Block, written: Written, reason: str, what: str
-) -> Problem:
+def _left_out(f: Field, rows: NDArray[np.bool_], block: Block, written: Written, reason: str, what: str) -> Problem:
     first = np.flatnonzero(rows)[:MAX_SHOWN]
     column = one_line(f.written, 60)
     examples = tuple(f"{written.place(block.row(int(i)))}: {column} {what}" for i in first)
@@ -243,8 +239,6 @@ def _even(tables: Iterator[Table], fields: Sequence[Field], size: int) -> Iterat
         if start < len(table):
             held.append(_cut(table, start, len(table)))
             count += len(table) - start
-        elif not held:
-            last_labels = table.labels
     if held or problems or not yielded:
         yield _joined(held, problems, fields)
 

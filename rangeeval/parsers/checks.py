@@ -1,4 +1,4 @@
-"""What is looked at while a log is read, and only flagged: time order, repeated rows, numbers in a likely wrong unit."""
+"""What is looked at while a log is read, and only flagged: time order, repeated rows, likely wrong units."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rangeeval.model import Problem, Table
-from rangeeval.model.table import MAX_SHOWN
 
 NEAREST_M = 50.0
 FARTHEST_M = 5.0e6
@@ -52,7 +51,7 @@ class Checks:
             self._last = grown
         steps = np.diff(time)
         # A log in time order throughout, with no two equal times, has neither fault: two cheap passes say so.
-        if len(steps) and not steps.min() > 0 or time[0] <= self._latest:
+        if (len(steps) and not steps.min() > 0) or not time[0] > self._latest:
             backward, largest, repeated = self._by_track(time, codes)
         else:
             backward, largest, repeated = 0, 0.0, 0
@@ -115,10 +114,7 @@ class Checks:
                     found.append(
                         Problem(
                             self.where,
-                            f"{name} is larger than range_predicted_m on most rows; are their units those of their names?",
+                            f"{name} exceeds range_predicted_m on most rows; are their units those of their names?",
                         )
                     )
         return found
-
-
-__all__ = ["MAX_SHOWN", "Checks"]

@@ -62,9 +62,9 @@ def _stem_of(name: str, kind: LogKind) -> str | None:
             continue
         stem = column.name.removesuffix(f"_{column.unit}")
         ending = name.removeprefix(stem)
-        if (
-            name == stem or (name.startswith(f"{stem}_") and "_" not in ending[1:])
-        ) and (best is None or len(column.name) > len(best)):
+        if (name == stem or (name.startswith(f"{stem}_") and "_" not in ending[1:])) and (
+            best is None or len(column.name) > len(best)
+        ):
             best = column.name
     return best
 
@@ -144,8 +144,7 @@ def lay_out(
         stem = _stem_of(name, definition)
         if stem is not None and stem not in fields:
             raise InputError(
-                f"{where}: the unit of column '{shown}' is not known; "
-                f"{stem} may end in {_units_of(stem, definition)}"
+                f"{where}: the unit of column '{shown}' is not known; {stem} may end in {_units_of(stem, definition)}"
             )
     if lacking := definition.missing(fields):
         given = ", ".join(one_line(name.strip(), 60) for name in names[:20])

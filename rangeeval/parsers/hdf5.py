@@ -224,9 +224,7 @@ class _Audit:
             raise InputError(f"'{shown}' declares {rows} rows and stores {dataset.id.get_storage_size()} bytes")
         described = {"rows": rows, "chunk_rows": chunk_rows, "chunk_bytes": chunk_bytes, "path": path}
         if len(shape) == 1 and dtype.names:
-            fields = [
-                {**described, "name": field, "kind": _kind(dtype[field], self.h5py)} for field in dtype.names
-            ]
+            fields = [{**described, "name": field, "kind": _kind(dtype[field], self.h5py)} for field in dtype.names]
             self.tables.append({"path": path, "form": "compound", "columns": fields, **self.attributes(dataset)})
         elif len(shape) == 1:
             columns.append({**described, "name": name, "kind": _kind(dtype, self.h5py)})

@@ -41,7 +41,7 @@ class Labels:
             for category in used[np.argsort(first)].tolist():
                 if category >= 0:
                     table[category] = self._code(_text(categories[category]))
-        return table[codes]
+        return np.asarray(table[codes])
 
     def code(self, values: NDArray[Any]) -> NDArray[np.int32]:
         """The codes of an array of texts (fixed-length or objects) or numbers."""
@@ -100,7 +100,7 @@ class Labels:
         table = np.empty(len(first), np.int32)
         for i in np.argsort(first).tolist():
             table[i] = self._code(_text(values[first[i]]))
-        return table[inverse]
+        return np.asarray(table[inverse])
 
 
 def _text(value: object) -> str:
@@ -109,5 +109,6 @@ def _text(value: object) -> str:
     if isinstance(value, bytes):
         return value.decode("utf-8", "replace")
     if isinstance(value, (float, np.floating)):
-        return str(int(value)) if value == value and abs(value) < 2**53 and value == int(value) else str(float(value))
+        number = float(value)
+        return str(int(number)) if abs(number) < 2**53 and number.is_integer() else str(number)
     return str(value)

@@ -35,7 +35,7 @@ def read_settings(path: Path, where: str | None = None) -> TrialSettings:
 
 
 def file_of(folder: Path, name: str, where: str) -> Path:
-    """The path of a file that `[[logs]]` names. Raises SettingsError when it is missing or outside the trial's folder."""
+    """The path of a file that `[[logs]]` names. Raises SettingsError when it is missing or not inside the folder."""
     path = folder / name
     if Path(name).is_absolute() or not path.resolve().is_relative_to(folder.resolve()):
         raise SettingsError(f"{where}: [[logs]] file '{one_line(name, 100)}' is outside the trial's folder")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import contextlib
 import gzip
 import zlib
 from collections.abc import Iterator
@@ -50,10 +51,8 @@ def opened(path: Path) -> IO[bytes]:
 def damage() -> tuple[type[Exception], ...]:
     """What decompressing a damaged file raises."""
     kinds: tuple[type[Exception], ...] = (EOFError, zlib.error, gzip.BadGzipFile)
-    try:
+    with contextlib.suppress(MissingExtra):
         kinds += (_zstd().ZstdError,)
-    except MissingExtra:
-        pass
     return kinds
 
 
@@ -126,8 +125,6 @@ def lines(path: Path, where: str, encoding: str, mark: int) -> Iterator[tuple[in
     except UnicodeDecodeError as error:
         raise InputError(f"{where}: from line {line} on there are bytes that are not {encoding} text") from error
     except damage() as error:
-        raise InputError(
-            f"{where}: the compressed file is damaged or cut off after line {line + b''.join(rest).count(b'''x''') * 0}"
-        ) from error
+        raise InputError(f"{where}: the compressed file is damaged or cut off somewhere after line {line}") from error
     if rest:
         yield line, b"".join([*rest, b"\n"])

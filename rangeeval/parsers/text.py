@@ -94,8 +94,6 @@ def read(file: SourceFile) -> Contents:
         sample = sample[:-1]
     sample = sample[:_SAMPLE_LINES]
     trailing = _trailing(file, names, delimiter, sample)
-    if not names[-1].strip() and not trailing:
-        trailing = False
     decimal = _decimal(file, layout, delimiter, sample)
     dialect = Dialect(encoding, mark, delimiter, decimal, at, names, trailing)
     written = Written(
@@ -118,7 +116,7 @@ def _split(line: str, delimiter: str) -> list[str]:
 
 
 def _header(file: SourceFile, head: bytes) -> tuple[str, int, str, int, tuple[str, ...], list[str]] | str:
-    """Encoding, mark, delimiter, line number and names of the header, and the lines at the top; or why there is none."""
+    """Encoding, mark, delimiter, line number and names of the header, and the top lines; or why there is none."""
     settings = file.settings
     encoding, mark = encoding_of(head, settings.encoding if settings else None)
     try:
@@ -158,7 +156,7 @@ def _best_split(file: SourceFile, line: str) -> tuple[str, list[str]]:
     given = file.settings.delimiter if file.settings else None
     if given is not None:
         if not given.isascii():
-            raise SettingsError(f"{file.name}: delimiter '{one_line(given, 10)}' in trial.toml is not an ASCII character")
+            raise SettingsError(f"{file.name}: delimiter '{one_line(given, 10)}' in trial.toml is not ASCII")
         return given, _split(line, given)
     splits = [(d, _split(line, d)) for d in DELIMITERS]
     return max(splits, key=lambda s: (_meant(file, s[1]), len(s[1]) if s[0] != BLANKS else 0))
@@ -175,7 +173,7 @@ def _trailing(file: SourceFile, names: Sequence[str], delimiter: str, sample: Se
         return False
     if usual == len(names) + 1 and all(not f[-1].strip() for _, _, f in split if len(f) == usual):
         return True
-    n, line, fields = next(s for s in split if len(s[2]) == usual)
+    n, line, _ = next(s for s in split if len(s[2]) == usual)
     hint = ""
     if delimiter == "," and usual > len(names):
         hint = "; a decimal comma needs another delimiter"
@@ -277,7 +275,7 @@ class _Parser:
             line = first + block.count(b"\n", 0, error.start)
             raise InputError(
                 f"{self.name}:{line}: byte 0x{block[error.start]:02x} is not UTF-8 text; "
-                f"say which encoding it is for this file under [[logs]] in trial.toml (encoding = \"cp949\")"
+                f'say which encoding it is for this file under [[logs]] in trial.toml (encoding = "cp949")'
             ) from None
 
     def _fits(self, block: bytes) -> bool:
@@ -310,7 +308,7 @@ class _Parser:
             )
 
         def per_line(positions: NDArray[np.intp]) -> NDArray[np.intp]:
-            return np.diff(np.searchsorted(positions, ends), prepend=0)
+            return np.asarray(np.diff(np.searchsorted(positions, ends), prepend=0), np.intp)
 
         quotes = np.flatnonzero(bytes_ == 34)
         nul = per_line(np.flatnonzero(bytes_ == 0)) > 0
@@ -342,8 +340,10 @@ class _Parser:
             first,
             wrong,
             "rows with too few or too many fields",
-            lambda i: f"the row has {int(widths[i])} fields, expected {expected}"
-            + (" and a delimiter at the end" if self.dialect.trailing else ""),
+            lambda i: (
+                f"the row has {int(widths[i])} fields, expected {expected}"
+                + (" and a delimiter at the end" if self.dialect.trailing else "")
+            ),
         )
         good = ~(blank | nul | unquoted | wrong)
         kept = np.flatnonzero(good)
@@ -363,7 +363,7 @@ class _Parser:
         ends: NDArray[np.intp],
     ) -> NDArray[np.bool_]:
         """Lines whose quotation marks are odd in number, or not at the ends of a field (or doubled inside one)."""
-        bad = (per_line & 1) == 1
+        bad = np.asarray((per_line & 1) == 1)
         if not len(quotes):
             return bad
         line = np.searchsorted(ends, quotes)
@@ -410,9 +410,9 @@ class _Parser:
         import pandas as pd
 
         wanted = [self.fields[i] for i in self.order]
-        dtype: dict[int, Any] = {f.position: "category" if f.text else np.float64 for f in wanted}
+        dtype: Any = {f.position: "category" if f.text else np.float64 for f in wanted}
         # Below 3.1, pandas reads a third of 17-digit numbers one ulp off unless asked not to.
-        exact = {"float_precision": "round_trip"} if _older(pd.__version__, (3, 1)) else {}
+        exact: Any = {"float_precision": "round_trip"} if _older(pd.__version__, (3, 1)) else {}
         frame = pd.read_csv(
             io.BytesIO(block),
             sep=" " if self.dialect.delimiter == BLANKS else self.dialect.delimiter,
@@ -429,7 +429,7 @@ class _Parser:
             engine="c",
             low_memory=False,
             encoding="utf-8",
-            **exact,  # type: ignore[arg-type]
+            **exact,
         )
         found: list[NDArray[Any] | Coded] = []
         for f in self.fields:
