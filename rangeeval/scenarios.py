@@ -43,14 +43,14 @@ min_samples = 30
 [[requirements]]
 name = "Range accuracy at 20 dB and better"
 quantity = "range_sigma"
-limit = 20.0
+limit = 3.0
 confidence = 0.95
 when = {{ snr_db_min = 20.0 }}
 
 [[requirements]]
 name = "Elevation accuracy at 20 dB and better"
 quantity = "elevation_sigma"
-limit = 8.7e-4
+limit = 4.0e-4
 confidence = 0.95
 when = {{ snr_db_min = 20.0 }}
 """

@@ -55,7 +55,7 @@ def headline_quantities(result: Result) -> tuple[str, ...]:
 def headline_table(result: Result, *, caption: str, rows: Sequence[Estimate] | None = None) -> Table:
     """The short table of a result: bins down, quantities across, each with its interval, flags last."""
     quantities = headline_quantities(result)
-    chosen = lines(rows if rows is not None else result.rows, quantities)
+    chosen = _without_lone_groups(lines(rows if rows is not None else result.rows, quantities))
     named = any(line.first.group or line.first.track_id for line in chosen)
     units = {r.quantity: unit_name(r.unit) for r in result.rows}
     head = ["Bin", *(["Group"] if named else []), "n"]
@@ -65,11 +65,27 @@ def headline_table(result: Result, *, caption: str, rows: Sequence[Estimate] | N
         cells: list[str | Cell] = [bin_text(line.first)]
         if named:
             cells.append(line.first.track_id or line.first.group or "all")
-        cells.append(str(line.first.n))
+        cells.append(_counts(line))
         cells += [estimate_text(line.of[q]) if q in line.of else "" for q in quantities]
         cells.append(flags_text(line.flags))
         body.append(cells)
     return Table(caption, head, body, "l" * (2 if named else 1) + "r" * (1 + len(quantities)) + "l")
+
+
+def _without_lone_groups(chosen: Sequence[Line]) -> list[Line]:
+    """The lines without a group that is all its bin holds: it would repeat the line of all together."""
+    groups: dict[tuple[float, float], int] = {}
+    for line in chosen:
+        if line.first.group:
+            edges = (line.first.bin_low, line.first.bin_high)
+            groups[edges] = groups.get(edges, 0) + 1
+    return [x for x in chosen if not x.first.group or groups[(x.first.bin_low, x.first.bin_high)] > 1]
+
+
+def _counts(line: Line) -> str:
+    """The number of samples; one for each quantity where they differ."""
+    counts = [e.n for e in line.of.values()]
+    return str(counts[0]) if len(set(counts)) == 1 else " / ".join(map(str, counts))
 
 
 def verdict_table(result: Result, *, caption: str) -> Table:

@@ -214,7 +214,8 @@ def gather_cells(
     present: set[str] = set()
     source = trial.log("residuals").source
     tracks = 0
-    names = {*_NEEDED, *(a.residual for a in AXES), *(a.cross for a in AXES if a.cross), *(x.column for x in limits)}
+    gains = (f"{gain}_{a.name}" for a in AXES for gain in ("alpha", "beta"))
+    names = {*_NEEDED, *gains, *(a.residual for a in AXES), *(a.cross for a in AXES if a.cross), *(x.column for x in limits)}
     with ThreadPoolExecutor(len(AXES)) as pool:
         running: list[Future[None]] = []
         for table in updates(trial, names):

@@ -238,7 +238,7 @@ def _bin_page(result: Result, edges: tuple[float, float], number: int | None) ->
         blocks.append(Figure(
             "Samples over time; histogram with the normal curve of the same mean and sigma; quantiles against normal "
             "quantiles; autocorrelation with the 95 % limits of white noise.",
-            f"{title}: {', '.join(f'{_NAMES[a]} σ {estimate_text(of[f'{a}_sigma'])} m' for a in present)}.",
+            _bin_alt(title, of, present),
             grid, "compact",
         ))  # fmt: skip
     body: list[list[str | Cell]] = []
@@ -257,6 +257,11 @@ def _bin_page(result: Result, edges: tuple[float, float], number: int | None) ->
     if groups:
         blocks.append(headline_table(result, caption="Groups", rows=groups))
     return Section(title, blocks, own_page=True, level=2, key=f"bin-{number if number is not None else edges[0]:g}")
+
+
+def _bin_alt(title: str, of: Mapping[str, Estimate], present: Sequence[str]) -> str:
+    parts = [f"{_NAMES[axis]} sigma {estimate_text(of[axis + '_sigma'])} m" for axis in present]
+    return f"{title}: " + ", ".join(parts) + "."
 
 
 def _bin_headline(of: Mapping[str, Estimate], present: Sequence[str]) -> Table:
