@@ -41,11 +41,12 @@ RESTART, DROP, SKIP = 1, 2, 4
 (SUM_ALPHA, MIN_ALPHA, MAX_ALPHA, SUM_BETA, SUM_R, SUM_C) = range(18, 24)
 (N_SNR, SUM_SNR, MIN_SNR, MAX_SNR, SUM_NOISE, SUM_FLOOR) = range(24, 30)
 (MIN_X, MIN_T, MAX_X, MAX_T, N_STARTUP, N_STRETCH, LONGEST, N_BEYOND) = range(30, 38)
-_COLUMNS = 38
+(FULL_SUM, FULL_COUNT) = range(38, 40)
+_COLUMNS = 40
 
 # Columns of a track's state on one axis.
-(_SINCE, _STEADY, _ALPHA, _CELL, _LENGTH, _POSITION, _RUN) = range(7)
-_STATE = 7
+(_SINCE, _STEADY, _ALPHA, _CELL, _LENGTH, _POSITION, _RUN, _EMPTY) = range(8)
+_STATE = 8
 
 # Columns of a track's state shared by the axes.
 (_SEEN, _TIME, _RANGE, _RESIDUAL, _INTERVAL, _LEG, _EXTREME) = range(7)
@@ -212,6 +213,7 @@ def _add(  # type: ignore[no-untyped-def]
                 present[p] = present[p + LAGS] = 0.0
                 s[_POSITION] = p
                 s[_LENGTH] = min(s[_LENGTH] + 1.0, LAGS)
+                s[_EMPTY] = LAGS  # samples until the empty place has left the ring
             continue
         n = o[N]
         if n == 0.0:
@@ -222,18 +224,29 @@ def _add(  # type: ignore[no-untyped-def]
             s[_LENGTH] = 0.0
             s[_POSITION] = 0.0
             s[_RUN] = 0.0
+            s[_EMPTY] = 0.0
             o[N_STRETCH] += 1.0
         # lag products: the last LAGS values lie one after another behind the newest
         p = int(s[_POSITION])
         length = int(s[_LENGTH])
         pr = products[c]
-        for k in range(length):
-            e = own[p + k]
-            w = present[p + k]
-            pr[0, k] += d * e
-            pr[1, k] += d * w
-            pr[2, k] += e
-            pr[3, k] += w
+        if length == LAGS and s[_EMPTY] == 0.0:
+            # The common case, every place taken: what all lags share is counted once and spread out in `Cell`.
+            for k in range(LAGS):
+                e = own[p + k]
+                pr[0, k] += d * e
+                pr[2, k] += e
+            o[FULL_SUM] += d
+            o[FULL_COUNT] += 1.0
+        else:
+            for k in range(length):
+                e = own[p + k]
+                w = present[p + k]
+                pr[0, k] += d * e
+                pr[1, k] += d * w
+                pr[2, k] += e
+                pr[3, k] += w
+            s[_EMPTY] = max(s[_EMPTY] - 1.0, 0.0)
         p = LAGS - 1 if p == 0 else p - 1
         own[p] = own[p + LAGS] = d
         present[p] = present[p + LAGS] = 1.0
@@ -446,9 +459,12 @@ class AxisSums:
         count = int(self._sums[number, N])
         stride = int(self._stride[number])
         held = min(-(-count // stride), KEPT)
+        products = self._products[number].copy()
+        products[1] += self._sums[number, FULL_SUM]
+        products[3] += self._sums[number, FULL_COUNT]
         return Cell(
             sums=self._sums[number].copy(),
-            products=self._products[number].copy(),
+            products=products,
             sketch=self._sketch[number].copy(),
             kept=self._kept[number, :, :held].copy(),
             stride=stride,
@@ -593,11 +609,10 @@ _EDGES = _edges()
 def _bucket_median(counts: NDArray[np.int64], low: Array, high: Array) -> float:
     """The value that splits the counts in half, each bucket's count spread evenly over [low, high)."""
     used = np.flatnonzero(counts)
-    order = used[np.argsort(low[used] + high[used], kind="stable")]
-    points = np.unique(np.concatenate([low[order], high[order]]))
-    # Cumulative count at every edge: overlapping buckets (folded by the absolute value) add up.
-    width = high[order] - low[order]
-    share = np.clip((points[:, None] - low[order]) / width, 0.0, 1.0)
-    below = share @ counts[order]
-    half = counts.sum() / 2.0
-    return float(np.interp(half, below, points))
+    density = counts[used] / (high[used] - low[used])
+    points = np.concatenate([low[used], high[used]])
+    change = np.concatenate([density, -density])
+    order = np.argsort(points, kind="stable")
+    points, slope = points[order], np.cumsum(change[order])
+    below = np.concatenate([[0.0], np.cumsum(slope[:-1] * np.diff(points))])
+    return float(np.interp(counts.sum() / 2.0, below, points))
