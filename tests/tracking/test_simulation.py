@@ -84,6 +84,20 @@ def test_log_obeys_the_filters_own_equations(steady):
         np.testing.assert_allclose(getattr(steady, f"beta_{axis}"), beta, rtol=1e-10)
 
 
+def test_angle_residual_is_formed_with_the_predicted_range():
+    """With exact angles and poor range, (residual + prediction) / predicted range is the true sine to
+    rounding.
+    """
+    scenario = Scenario(
+        flights=2, range_floor_m=500.0, beamwidth_elevation_rad=1e-9, beamwidth_azimuth_rad=1e-9
+    )
+    log = simulate(scenario, seed=5)
+    for axis in ("y", "z"):
+        residual, predicted = getattr(log, f"{axis}_residual_m"), getattr(log, f"{axis}_predicted_m")
+        measured = (residual + predicted) / log.range_predicted_m
+        np.testing.assert_allclose(measured, getattr(log, f"{axis}_true_m") / log.range_true_m, atol=1e-9)
+
+
 def test_tracker_predicts_the_true_path_without_noise():
     """With almost no measurement noise the prediction of a straight flight is the truth in every
     coordinate.
