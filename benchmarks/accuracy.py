@@ -38,7 +38,8 @@ def make(path: Path, updates: int) -> None:
     with h5py.File(path, "w") as file:
         options = {"chunks": (65_536,), "compression": "gzip", "compression_opts": 1, "fletcher32": True}
         sets = {
-            name: file.create_dataset(name, (updates,), "i4" if name == "track_id" else "f8", **options) for name in COLUMNS
+            name: file.create_dataset(name, (updates,), "i4" if name == "track_id" else "f8", **options)
+            for name in COLUMNS
         }
         for start in range(0, updates, PIECE):
             n = min(PIECE, updates - start)
@@ -121,7 +122,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--updates", type=int, default=10_000_000)
     parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--no-pandas", action="store_true", help="leave out the script that needs the whole log in memory")
+    parser.add_argument(
+        "--no-pandas", action="store_true", help="leave out the script that needs the whole log in memory"
+    )
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "log.h5"

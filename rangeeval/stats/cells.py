@@ -45,7 +45,7 @@ RESTART, DROP, SKIP = 1, 2, 4
 _COLUMNS = 40
 
 # Columns of a track's state on one axis.
-(_SINCE, _STEADY, _ALPHA, _CELL, _LENGTH, _POSITION, _RUN, _EMPTY) = range(8)
+(_MEMORY, _STEADY, _ALPHA, _CELL, _LENGTH, _POSITION, _RUN, _EMPTY) = range(8)
 _STATE = 8
 
 # Columns of a track's state shared by the axes.
@@ -170,7 +170,7 @@ def _add(  # type: ignore[no-untyped-def]
         t = track[j]
         s = state[t]
         if m & RESTART:
-            s[_SINCE] = 0.0
+            s[_MEMORY] = 0.0
             s[_STEADY] = 0.0
             s[_ALPHA] = 0.0
             s[_CELL] = -1.0
@@ -182,23 +182,22 @@ def _add(  # type: ignore[no-untyped-def]
         if angle:
             usable = usable and abs(cross[j]) < np.inf
         if usable:
-            needed = math.ceil(startup / a)
             if s[_ALPHA] > 0.0 and abs(a - s[_ALPHA]) > STEP * s[_ALPHA]:
                 # A jump between steady gains starts a new transient; gains that jump all the time have none.
-                if s[_STEADY] >= needed:
-                    s[_SINCE] = 0.0
+                if s[_STEADY] >= startup:
+                    s[_MEMORY] = 0.0
                     s[_CELL] = -1.0
                 s[_STEADY] = 0.0
             else:
-                s[_STEADY] += 1.0
+                s[_STEADY] += a
             s[_ALPHA] = a
-            s[_SINCE] += 1.0
-            if s[_SINCE] <= needed:
+            # The first 11 / alpha updates; where gains vary, those whose alphas add up to 11.
+            settling = s[_MEMORY] < startup
+            s[_MEMORY] += a
+            if settling:
                 if c >= 0 and not m & SKIP:
                     sums[c, N_STARTUP] += 1.0
                 continue
-        else:
-            s[_SINCE] += 1.0
         if c < 0:
             s[_CELL] = -1.0
             continue
@@ -406,7 +405,7 @@ class AxisSums:
 
     def __init__(self, *, angle: bool, startup: float) -> None:
         self.angle = angle
-        self._startup = startup
+        self._startup = startup - 1e-9  # a sum of alphas that should be whole may fall short by rounding
         self._sums = np.zeros((0, _COLUMNS))
         self._products = np.zeros((0, 4, LAGS))
         self._sketch = np.zeros((0, _BUCKETS), np.int64)

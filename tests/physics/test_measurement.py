@@ -41,9 +41,7 @@ def test_snr_spans_and_widths_match_the_printed_ones():
     wide.
     """
     centre = np.array([82.5, 42.5, 22.5, 12.5, 7.5]) * 1e3
-    np.testing.assert_allclose(
-        ms.snr_span(centre - 2500, centre + 2500), [1.0, 2.0, 3.9, 7.0, 12.0], atol=0.06
-    )
+    np.testing.assert_allclose(ms.snr_span(centre - 2500, centre + 2500), [1.0, 2.0, 3.9, 7.0, 12.0], atol=0.06)
     np.testing.assert_allclose(ms.constant_snr_width(1.0, [1, 2, 3]), [0.0575, 0.115, 0.172], atol=6e-4)
     width = ms.constant_snr_width(40_000.0, 2.0)
     assert ms.snr_span(40_000 - width / 2, 40_000 + width / 2) == pytest.approx(2.0, rel=1e-12)

@@ -120,9 +120,7 @@ def test_interval_covers_in_every_regime(alpha, times_design):
     low, high = iv.sigma_interval(np.sqrt(np.mean(x**2, axis=1)), n_eff)
     assert 0.943 < np.mean((low**2 < variance) & (high**2 > variance)) < 0.963
     # Removing the mean of samples with long memory (alpha 0.1, 3 x design: 0.971) errs to the safe side.
-    assert (
-        0.943 < coverage(x, variance, iv.degrees_of_freedom(n_eff)) < (0.975 if times_design == 3 else 0.957)
-    )
+    assert 0.943 < coverage(x, variance, iv.degrees_of_freedom(n_eff)) < (0.975 if times_design == 3 else 0.957)
 
 
 @pytest.mark.parametrize("times_design", [0, 3])
@@ -142,9 +140,7 @@ def test_autocorrelation_has_divisor_n():
     """Lag products are divided by N at every lag, with the mean removed."""
     x = np.array([1.0, 4.0, 2.0, 7.0, 6.0])
     d = x - 4
-    np.testing.assert_allclose(
-        co.autocorrelation(x, 2), [1, d[1:] @ d[:-1] / (d @ d), d[2:] @ d[:-2] / (d @ d)]
-    )
+    np.testing.assert_allclose(co.autocorrelation(x, 2), [1, d[1:] @ d[:-1] / (d @ d), d[2:] @ d[:-2] / (d @ d)])
     assert np.isnan(co.autocorrelation([3.0, 3.0, 3.0], 1)).all()
 
 
@@ -244,7 +240,5 @@ def test_a_known_memory_shrinks_the_naive_coverage_as_documented():
         x[:, k] = 0.9 * x[:, k - 1] + np.sqrt(1 - 0.81) * rng.standard_normal(3000)
     low, high = iv.sigma_interval(np.sqrt(np.mean(x**2, axis=1)), 200)
     assert np.mean((low < 1) & (high > 1)) < 0.5
-    low, high = iv.sigma_interval(
-        np.sqrt(np.mean(x**2, axis=1)), co.effective_samples(0.9 ** np.arange(200), 200)
-    )
+    low, high = iv.sigma_interval(np.sqrt(np.mean(x**2, axis=1)), co.effective_samples(0.9 ** np.arange(200), 200))
     assert np.mean((low < 1) & (high > 1)) > 0.9

@@ -157,9 +157,7 @@ def test_impossible_or_grazing_geometry_is_flagged():
     """Cross-range beyond the range gives no sigma, a cosine below 0.1 a warning, one sample too few."""
 
     def flag(z, n=10):
-        g = va.angle_sigma(
-            np.resize([1.0, -1.0], n), 0.4, 0.1, np.full(n, 1e4), np.full(n, z), ab.q_cv, mode="paper"
-        )
+        g = va.angle_sigma(np.resize([1.0, -1.0], n), 0.4, 0.1, np.full(n, 1e4), np.full(n, z), ab.q_cv, mode="paper")
         return g.flag, np.isnan(g.sigma_rad)
 
     assert flag(1e4 * np.sqrt(0.98)) == ("ok", False)

@@ -98,9 +98,7 @@ def test_steady_state_is_the_limit_of_the_recursion_with_process_noise():
     p = np.eye(2)
     for _ in range(400):
         p = keep @ (phi @ p @ phi.T + q) @ keep.T + gain
-    filtered, predicted = ab.steady_state_covariance(
-        alpha, beta, interval_s=t, sigma_v=sigma_v, sigma_a=sigma_a
-    )
+    filtered, predicted = ab.steady_state_covariance(alpha, beta, interval_s=t, sigma_v=sigma_v, sigma_a=sigma_a)
     np.testing.assert_allclose(filtered, p, rtol=1e-11)
     np.testing.assert_allclose(predicted, phi @ p @ phi.T + q, rtol=1e-11)
 
@@ -191,9 +189,7 @@ def test_ratio_follows_from_the_predictions_share_and_stays_in_the_bracket(alpha
     assert ab.q_from_phi(alpha, predicted[0, 0] / residual) == pytest.approx(q, rel=1e-10)
     low, high = ab.bracket_factors(alpha)
     assert low - 1e-9 <= np.sqrt(q) <= high + 1e-9
-    assert sorted([low**2, high**2]) == pytest.approx(
-        sorted([ab.q_from_phi(alpha, 0), ab.q_from_phi(alpha, 1)])
-    )
+    assert sorted([low**2, high**2]) == pytest.approx(sorted([ab.q_from_phi(alpha, 0), ab.q_from_phi(alpha, 1)]))
 
 
 def test_alpha_one_half_gives_one_quarter_whatever_else():
@@ -268,9 +264,7 @@ def test_updates_until_settled_match_the_printed_table():
         beta = float(ab.beta_from_alpha(alpha))
         run = varying_gain_variances(np.full(400, alpha), np.full(400, beta))
         off = np.abs(np.sqrt(run.filtered / ab.filtered_variance(alpha, beta)) - 1)
-        settled = tuple(
-            int(np.flatnonzero(off > tolerance).max(initial=-1)) + 1 for tolerance in (0.1, 0.05, 0.01)
-        )
+        settled = tuple(int(np.flatnonzero(off > tolerance).max(initial=-1)) + 1 for tolerance in (0.1, 0.05, 0.01))
         assert settled == counts, alpha
 
 

@@ -30,8 +30,7 @@ def range_ratio(log, m, ratio):
 def angle_ratio(log, m, ratio, axis, *, per_sample=False):
     """Assessed over true sigma of a filtered array angle."""
     residual, predicted, alpha, beta = (
-        getattr(log, name)[m]
-        for name in (f"{axis}_residual_m", f"{axis}_predicted_m", f"alpha_{axis}", f"beta_{axis}")
+        getattr(log, name)[m] for name in (f"{axis}_residual_m", f"{axis}_predicted_m", f"alpha_{axis}", f"beta_{axis}")
     )
     g = va.angle_sigma(residual, alpha, beta, log.range_predicted_m[m], predicted, ratio)
     filtered = getattr(log, f"{axis}_filtered_m")[m] / log.range_filtered_m[m]
@@ -72,12 +71,8 @@ def test_log_obeys_the_filters_own_equations(steady):
     sigma_theta = angle_sigma(snr, s.beamwidth_elevation_rad, s.monopulse_slope)
     for axis, sigma in {
         "range": range_sigma(snr, s.bandwidth_hz),
-        "y": cross_range_sigma(
-            sigma_theta, steady.range_predicted_m, steady.y_predicted_m / steady.range_predicted_m
-        ),
-        "z": cross_range_sigma(
-            sigma_theta, steady.range_predicted_m, steady.z_predicted_m / steady.range_predicted_m
-        ),
+        "y": cross_range_sigma(sigma_theta, steady.range_predicted_m, steady.y_predicted_m / steady.range_predicted_m),
+        "z": cross_range_sigma(sigma_theta, steady.range_predicted_m, steady.z_predicted_m / steady.range_predicted_m),
     }.items():
         alpha, beta = ab.gains_from_tracking_index(s.design_acceleration_m_s2 * s.interval_s**2 / sigma)
         np.testing.assert_allclose(getattr(steady, f"alpha_{axis}"), alpha, rtol=1e-10)
@@ -88,9 +83,7 @@ def test_angle_residual_is_formed_with_the_predicted_range():
     """With exact angles and poor range, (residual + prediction) / predicted range is the true sine to
     rounding.
     """
-    scenario = Scenario(
-        flights=2, range_floor_m=500.0, beamwidth_elevation_rad=1e-9, beamwidth_azimuth_rad=1e-9
-    )
+    scenario = Scenario(flights=2, range_floor_m=500.0, beamwidth_elevation_rad=1e-9, beamwidth_azimuth_rad=1e-9)
     log = simulate(scenario, seed=5)
     for axis in ("y", "z"):
         residual, predicted = getattr(log, f"{axis}_residual_m"), getattr(log, f"{axis}_predicted_m")
@@ -231,10 +224,7 @@ def test_waveform_switch_changes_the_range_noise_only_below_its_range():
     np.testing.assert_array_equal(plain.range_residual_m[far], switched.range_residual_m[far])
     m = chosen(switched, 25, 30)
     sigma_v = np.sqrt(
-        np.mean(
-            switched.range_residual_m[m] ** 2
-            / ab.residual_variance(switched.alpha_range, switched.beta_range)[m]
-        )
+        np.mean(switched.range_residual_m[m] ** 2 / ab.residual_variance(switched.alpha_range, switched.beta_range)[m])
     )
     assert sigma_v == pytest.approx(range_sigma(switched.snr_true_db[m].mean(), 0.5e6), rel=0.06)
 

@@ -38,9 +38,7 @@ def test_a_given_start_is_used():
     """A start covariance of one's own replaces the two-point one; missing gains are a coast."""
     start = two_point_covariance(2.0, 0.5)
     np.testing.assert_allclose(start, [[4, 8], [8, 32]])
-    own = varying_gain_variances(
-        [np.nan], [np.nan], interval_s=0.5, sigma_v=2.0, initial_covariance=np.eye(2)
-    )
+    own = varying_gain_variances([np.nan], [np.nan], interval_s=0.5, sigma_v=2.0, initial_covariance=np.eye(2))
     assert own.filtered[0] == pytest.approx(1.25)
     assert varying_gain_variances([], []).q.size == 0
 

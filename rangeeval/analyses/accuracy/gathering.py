@@ -222,7 +222,13 @@ def gather_cells(
     source = trial.log("residuals").source
     tracks = 0
     gains = (f"{gain}_{a.name}" for a in AXES for gain in ("alpha", "beta"))
-    names = {*_NEEDED, *gains, *(a.residual for a in AXES), *(a.cross for a in AXES if a.cross), *(x.column for x in limits)}
+    names = {
+        *_NEEDED,
+        *gains,
+        *(a.residual for a in AXES),
+        *(a.cross for a in AXES if a.cross),
+        *(x.column for x in limits),
+    }
     with ThreadPoolExecutor(threads()) as pool:
         running: list[Future[None]] = []
         for table in updates(trial, names):

@@ -17,12 +17,12 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from rangeeval.report import style
-from rangeeval.report.axes import legend
-from rangeeval.report.blocks import Block, Cell, Figure, outline
-from rangeeval.report.pages import LEVEL_WORD, VERDICT_WORD, Drawn, template_folder
-from rangeeval.report.plots import plot_document
-from rangeeval.report.text import neutral
+from rangeeval.reporting import style
+from rangeeval.reporting.axes import legend
+from rangeeval.reporting.blocks import Block, Cell, Figure, outline
+from rangeeval.reporting.pages import LEVEL_WORD, VERDICT_WORD, Drawn, template_folder
+from rangeeval.reporting.plots import plot_document
+from rangeeval.reporting.text import neutral
 
 
 def write_html(drawn: Drawn) -> str:
@@ -74,8 +74,17 @@ class _place:
             number = len(self.plots)
             name = f"f{number + 1}"
             self.plots[name] = plot_document(block, name, version)
-            cells = [panel is not None for row in block.panels for panel in [*row, *[None] * (block.columns - len(row))]]
-            return {"kind": kind, "block": block, "name": name, "number": number, "cells": cells, "legend": legend(block)}
+            cells = [
+                panel is not None for row in block.panels for panel in [*row, *[None] * (block.columns - len(row))]
+            ]
+            return {
+                "kind": kind,
+                "block": block,
+                "name": name,
+                "number": number,
+                "cells": cells,
+                "legend": legend(block),
+            }
         if kind == "table":
             rows = [[cell if isinstance(cell, Cell) else Cell(cell) for cell in row] for row in block.rows]  # type: ignore[union-attr]
             return {"kind": kind, "block": block, "rows": rows}

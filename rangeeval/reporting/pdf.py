@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from rangeeval.errors import RangeevalError
-from rangeeval.report.blocks import Block, Cell, Figure, Notice, Paragraph, Table, outline
-from rangeeval.report.fonts import Glyphs, font_files
-from rangeeval.report.pages import LEVEL_WORD, VERDICT_WORD, Drawn, template_folder
-from rangeeval.report.text import breakable, printable
+from rangeeval.reporting.blocks import Block, Cell, Figure, Notice, Paragraph, Table, outline
+from rangeeval.reporting.fonts import Glyphs, font_files
+from rangeeval.reporting.pages import LEVEL_WORD, VERDICT_WORD, Drawn, template_folder
+from rangeeval.reporting.text import breakable, printable
 
 STANDARDS = ("a-2a", "ua-1")  # archivable for decades, and readable by a screen reader
 

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from rangeeval.model import Estimate, Result
-from rangeeval.report.blocks import Cell, Table
-from rangeeval.report.wording import bin_text, estimate_text, flags_text, quantity_name, unit_name
+from rangeeval.reporting.blocks import Cell, Table
+from rangeeval.reporting.wording import bin_text, estimate_text, flags_text, quantity_name, unit_name
 
 HEADLINES = {
     "accuracy": ("range_sigma", "elevation_sigma", "azimuth_sigma"),
@@ -95,9 +95,13 @@ def verdict_table(result: Result, *, caption: str) -> Table:
     for row in result.rows:
         e = row.extra
         requirement = requirements[e["requirement"] - 1]
-        decided = Estimate(quantity=row.quantity, unit=row.unit, value=e["bound"] if e["bound"] is not None else float("nan"))
+        decided = Estimate(
+            quantity=row.quantity, unit=row.unit, value=e["bound"] if e["bound"] is not None else float("nan")
+        )
         limit = Estimate(quantity=row.quantity, unit=row.unit, value=e["limit"])
-        more = "" if e["verdict"] != "inconclusive" else ("never" if e["more_samples"] is None else str(e["more_samples"]))
+        more = (
+            "" if e["verdict"] != "inconclusive" else ("never" if e["more_samples"] is None else str(e["more_samples"]))
+        )
         body.append([
             requirement["name"] or f"{quantity_name(row.quantity)}",
             bin_text(row),

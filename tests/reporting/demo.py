@@ -6,7 +6,7 @@ import datetime
 
 import numpy as np
 
-from rangeeval.report.blocks import Cell, Document, Figure, Mark, Notice, Panel, Paragraph, Section, Table
+from rangeeval.reporting.blocks import Cell, Document, Figure, Mark, Notice, Panel, Paragraph, Section, Table
 
 AXES = ("Range", "y", "z")
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rangeeval.report.blocks import Document
-from rangeeval.report.html import write_html
-
-from rangeeval.report.pages import draw
-from rangeeval.report.pdf import write_pdf
+from rangeeval.reporting.blocks import Document
+from rangeeval.reporting.html import write_html
+from rangeeval.reporting.pages import draw
+from rangeeval.reporting.pdf import write_pdf
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from rangeeval.model import Result
-from rangeeval.report.blocks import Paragraph, Section
-from rangeeval.report.tables import verdict_table
-from rangeeval.report.wording import in_shown_unit, quantity_name
+from rangeeval.reporting.blocks import Paragraph, Section
+from rangeeval.reporting.tables import verdict_table
+from rangeeval.reporting.wording import in_shown_unit, quantity_name
 
 
 def sections(result: Result) -> list[Section]:

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from rangeeval.report import style
-from rangeeval.report.axes import Floats, Range, floats, panels, views
-from rangeeval.report.blocks import Figure, Mark, Panel
-from rangeeval.report.text import neutral
+from rangeeval.reporting import style
+from rangeeval.reporting.axes import Floats, Range, floats, panels, views
+from rangeeval.reporting.blocks import Figure, Mark, Panel
+from rangeeval.reporting.text import neutral
 from rangeeval.stats.reduce import decimate, thin
 
 Json = dict[str, Any]
@@ -154,7 +154,11 @@ def _zoom_box(models: _Models) -> Json:
 
 def _axis(models: _Models, label: str, log: bool) -> Json:
     ticker = models.new("LogTicker") if log else models.new("BasicTicker", mantissas=[1, 2, 5], desired_num_ticks=6)
-    formatter = models.new("LogTickFormatter") if log else models.new("BasicTickFormatter", power_limit_low=-4, power_limit_high=7)
+    formatter = (
+        models.new("LogTickFormatter")
+        if log
+        else models.new("BasicTickFormatter", power_limit_low=-4, power_limit_high=7)
+    )
     return models.new(
         "LogAxis" if log else "LinearAxis",
         ticker=ticker,
@@ -192,21 +196,43 @@ def _renderers(models: _Models, mark: Mark, panel: Panel) -> list[Json]:
             line["mode"] = "after"
         return [_renderer(models, "Line" if mark.kind == "line" else "Step", {"x": x, "y": y}, line)]
     if mark.kind == "bars":
-        columns = {"left": x[:-1], "right": x[1:], "top": y, "bottom": np.full(y.shape, floor), "x": (x[:-1] + x[1:]) / 2, "y": y}
+        columns = {
+            "left": x[:-1],
+            "right": x[1:],
+            "top": y,
+            "bottom": np.full(y.shape, floor),
+            "x": (x[:-1] + x[1:]) / 2,
+            "y": y,
+        }
         edges = {name: {"type": "field", "field": name} for name in ("left", "right", "top", "bottom")}
-        return [_renderer(models, "Quad", columns, edges | _value("fill", fill_color=seen.colour, fill_alpha=0.45, line_color="#ffffff"))]
+        return [
+            _renderer(
+                models,
+                "Quad",
+                columns,
+                edges | _value("fill", fill_color=seen.colour, fill_alpha=0.45, line_color="#ffffff"),
+            )
+        ]
     if mark.kind == "band":
         area = _value("fill", fill_color=seen.colour, fill_alpha=0.16)
         fields = {"x": "x", "y1": "low", "y2": "high"}
         good = np.isfinite(x) & np.isfinite(low) & np.isfinite(high)
         columns = {"x": x[good], "low": low[good], "high": high[good]}
-        return [_renderer(models, "VArea", columns, {k: {"type": "field", "field": v} for k, v in fields.items()} | area)]
+        return [
+            _renderer(models, "VArea", columns, {k: {"type": "field", "field": v} for k, v in fields.items()} | area)
+        ]
     if mark.kind == "stems":
         columns = {"x": x, "y": y, "floor": np.full(y.shape, floor)}
-        return [_segments(models, columns, "floor", "y", seen), _renderer(models, "Scatter", {"x": x, "y": y}, _scatter(seen, 6, 1.0))]
+        return [
+            _segments(models, columns, "floor", "y", seen),
+            _renderer(models, "Scatter", {"x": x, "y": y}, _scatter(seen, 6, 1.0)),
+        ]
     if mark.kind == "errorbars":
         columns = {"x": x, "y": y, "low": low, "high": high}
-        return [_segments(models, columns, "low", "high", seen), _renderer(models, "Scatter", {"x": x, "y": y}, _scatter(seen, 7, 1.0))]
+        return [
+            _segments(models, columns, "low", "high", seen),
+            _renderer(models, "Scatter", {"x": x, "y": y}, _scatter(seen, 7, 1.0)),
+        ]
     return []
 
 
@@ -229,7 +255,9 @@ def _scatter(seen: style.Look, size: float, alpha: float) -> Json:
 
 def _segments(models: _Models, columns: dict[str, Floats], start: str, end: str, seen: style.Look) -> Json:
     ends = {"x0": "x", "y0": start, "x1": "x", "y1": end}
-    glyph = {k: {"type": "field", "field": v} for k, v in ends.items()} | _value("line", line_color=seen.colour, line_width=1.4)
+    glyph = {k: {"type": "field", "field": v} for k, v in ends.items()} | _value(
+        "line", line_color=seen.colour, line_width=1.4
+    )
     return _renderer(models, "Segment", columns, glyph)
 
 
@@ -239,7 +267,12 @@ def _renderer(models: _Models, name: str, columns: dict[str, Floats], glyph: Jso
     drawn = models.new(name, **(fields if name in ("Scatter", "Line", "Step") else {}), **glyph)
     return models.new(
         "GlyphRenderer",
-        data_source=models.new("ColumnDataSource", data=data, selected=models.new("Selection"), selection_policy=models.new("UnionRenderers")),
+        data_source=models.new(
+            "ColumnDataSource",
+            data=data,
+            selected=models.new("Selection"),
+            selection_policy=models.new("UnionRenderers"),
+        ),
         view=models.new("CDSView", filter=models.new("AllIndices")),
         glyph=drawn,
     )
@@ -249,7 +282,12 @@ def _spans(models: _Models, mark: Mark) -> list[Json]:
     seen = style.look(mark.role)
     return [
         models.new(
-            "Span", location=float(at), dimension=dimension, line_color=seen.colour, line_width=1.4, line_dash=_dash(seen)["value"]
+            "Span",
+            location=float(at),
+            dimension=dimension,
+            line_color=seen.colour,
+            line_width=1.4,
+            line_dash=_dash(seen)["value"],
         )
         for dimension, values in (("width", floats(mark.y)), ("height", floats(mark.x)))
         for at in values[np.isfinite(values)]

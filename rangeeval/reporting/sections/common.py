@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rangeeval.model import Problem, Result, gather
-from rangeeval.report.blocks import Block, Cell, Notice, Paragraph, Section, Table
-from rangeeval.report.tables import headline_table, pooled, verdict_table
-from rangeeval.report.wording import FLAGS, plain_number
+from rangeeval.reporting.blocks import Block, Cell, Notice, Paragraph, Section, Table
+from rangeeval.reporting.tables import headline_table, pooled, verdict_table
+from rangeeval.reporting.wording import FLAGS, plain_number
 
 _CANNOT_SEE = (
     "These numbers come from the tracker's own residuals and gains, without truth. They show the random error. A constant "

@@ -11,12 +11,12 @@ import importlib
 from collections.abc import Callable, Sequence
 
 from rangeeval.model import Result
-from rangeeval.report.blocks import Document, Section
-from rangeeval.report.sections.common import inputs_section, plain_section, software_section, summary_section
+from rangeeval.reporting.blocks import Document, Section
+from rangeeval.reporting.sections.common import inputs_section, plain_section, software_section, summary_section
 
 SECTIONS: dict[str, str] = {
-    "check": "rangeeval.report.sections.check:sections",
-    "accuracy": "rangeeval.report.sections.accuracy:sections",
+    "check": "rangeeval.reporting.sections.check:sections",
+    "accuracy": "rangeeval.reporting.sections.accuracy:sections",
 }
 
 _EPOCH = datetime.datetime(1980, 1, 1, tzinfo=datetime.UTC)  # stamps files of a trial that gives no date
@@ -26,7 +26,10 @@ def compose(results: Sequence[Result]) -> Document:
     """The report on a trial: summary with verdicts, a chapter an analysis, what was read, how it was made."""
     about = results[0].provenance.get("trial", {})
     chapters = [section for result in results for section in _chapter(result)]
-    meta = [(word, about.get(key, "")) for word, key in (("Radar", "radar"), ("Date of trial", "date"), ("Software under test", "software"))]
+    meta = [
+        (word, about.get(key, ""))
+        for word, key in (("Radar", "radar"), ("Date of trial", "date"), ("Software under test", "software"))
+    ]
     return Document(
         title=about.get("name") or "Trial",
         date=_date(about.get("date", "")),

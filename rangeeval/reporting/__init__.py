@@ -1,6 +1,6 @@
 """Blocks of text and numbers placed on a page: one self-contained HTML file and one PDF."""
 
-from rangeeval.report.blocks import (
+from rangeeval.reporting.blocks import (
     Block,
     Cell,
     Document,
@@ -12,7 +12,7 @@ from rangeeval.report.blocks import (
     Section,
     Table,
 )
-from rangeeval.report.render import Rendered, render, render_html, render_pdf
+from rangeeval.reporting.render import Rendered, render, render_html, render_pdf
 
 __all__ = [
     "Block",

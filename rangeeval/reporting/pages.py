@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from rangeeval.report.blocks import Document, Figure
-from rangeeval.report.fonts import Glyphs
-from rangeeval.report.svg import render_svg
+from rangeeval.reporting.blocks import Document, Figure
+from rangeeval.reporting.fonts import Glyphs
+from rangeeval.reporting.svg import render_svg
 
 LEVEL_WORD = {"info": "Note", "good": "Good", "caution": "Caution", "bad": "Problem"}
 VERDICT_WORD = {"pass": "✓ pass", "fail": "✗ fail", "inconclusive": "? inconclusive", "info": "i note"}

@@ -16,11 +16,11 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from rangeeval.report import style
-from rangeeval.report.axes import Floats, Range, floats, legend, panels, ticks, views
-from rangeeval.report.blocks import Figure, Mark, Panel
-from rangeeval.report.fonts import Glyphs
-from rangeeval.report.text import printable
+from rangeeval.reporting import style
+from rangeeval.reporting.axes import Floats, Range, floats, legend, panels, ticks, views
+from rangeeval.reporting.blocks import Figure, Mark, Panel
+from rangeeval.reporting.fonts import Glyphs
+from rangeeval.reporting.text import printable
 from rangeeval.stats.reduce import decimate, thin
 
 DENSE = 3000  # points beyond which a cloud is drawn as pixels
@@ -107,7 +107,9 @@ def render_svg(figure: Figure, glyphs: Glyphs) -> str:
     families = ", ".join(style.FONT_FAMILIES)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {total:.0f} {bottom:.0f}" width="{total:.0f}pt" '
-        f'height="{bottom:.0f}pt" font-family="{families}, Verdana, sans-serif" fill="none">' + "".join(canvas.parts) + "</svg>"
+        f'height="{bottom:.0f}pt" font-family="{families}, Verdana, sans-serif" fill="none">'
+        + "".join(canvas.parts)
+        + "</svg>"
     )
 
 
@@ -144,7 +146,13 @@ def _draw_sample(canvas: _Canvas, mark: Mark, x: float, y: float, width: float) 
 
 
 def _draw_panel(
-    canvas: _Canvas, panel: Panel, view: tuple[Range, Range], cell: tuple[float, float, float, float], clip: str, *, first: bool
+    canvas: _Canvas,
+    panel: Panel,
+    view: tuple[Range, Range],
+    cell: tuple[float, float, float, float],
+    clip: str,
+    *,
+    first: bool,
 ) -> None:
     left, top, right, bottom = cell
     plot_top = top + (14.0 if panel.title else 5.0)
@@ -172,7 +180,9 @@ def _draw_panel(
     for mark in panel.marks:
         _draw_mark(canvas, axes, mark)
     canvas.parts.append("</g>")
-    canvas.path(f"M{plot_left:.1f} {plot_top:.1f}v{height:.1f}h{width:.1f}", f'stroke="{style.FRAME}" stroke-width="0.7"')
+    canvas.path(
+        f"M{plot_left:.1f} {plot_top:.1f}v{height:.1f}h{width:.1f}", f'stroke="{style.FRAME}" stroke-width="0.7"'
+    )
     for y, label in zip(grid_y, y_ticks[1], strict=False):
         canvas.text(plot_left - 3, y + _SMALL * 0.36, label, _SMALL, "end", colour=style.MUTED)
     for x, label in zip(grid_x, x_ticks[1], strict=False):
@@ -241,7 +251,9 @@ def _draw_mark(canvas: _Canvas, axes: _Axes, mark: Mark) -> None:
     elif mark.kind == "stems":
         x, y = _pair(axes, mark)
         base = float(axes.y(np.zeros(1))[0])
-        canvas.path("".join(f"M{a:.1f} {base:.1f}V{b:.1f}" for a, b in zip(x, y, strict=True)), _stroke(seen, dashed=False))
+        canvas.path(
+            "".join(f"M{a:.1f} {base:.1f}V{b:.1f}" for a, b in zip(x, y, strict=True)), _stroke(seen, dashed=False)
+        )
         canvas.path(_dots(x, y), _dot_stroke(seen, 2.4))
     elif mark.kind == "errorbars":
         _draw_errorbars(canvas, axes, mark, seen)
@@ -277,7 +289,9 @@ def _draw_points(canvas: _Canvas, axes: _Axes, mark: Mark, seen: style.Look) -> 
         opacity = "" if len(x) <= 500 else ' stroke-opacity="0.7"'
         canvas.path(_dots(x, y), _dot_stroke(seen, 1.9 if len(x) <= 500 else 1.4) + opacity)
     else:
-        picture = _cloud(np.array(x) - axes.left, np.array(y) - axes.top, axes.right - axes.left, axes.bottom - axes.top, seen.colour)
+        picture = _cloud(
+            np.array(x) - axes.left, np.array(y) - axes.top, axes.right - axes.left, axes.bottom - axes.top, seen.colour
+        )
         canvas.parts.append(
             f'<image x="{axes.left:.1f}" y="{axes.top:.1f}" width="{axes.right - axes.left:.1f}" '
             f'height="{axes.bottom - axes.top:.1f}" preserveAspectRatio="none" href="data:image/png;base64,{picture}"/>'
@@ -344,7 +358,13 @@ def _png(levels: NDArray[np.uint8], colour: str, alpha: bytes) -> bytes:
     lines[:, 1:] = packed
     palette = bytes.fromhex(colour.removeprefix("#")) * len(alpha)
     header = struct.pack(">IIBBBBB", width, height, 2, 3, 0, 0, 0)
-    chunks = ((b"IHDR", header), (b"PLTE", palette), (b"tRNS", alpha), (b"IDAT", zlib.compress(lines.tobytes(), 9)), (b"IEND", b""))
+    chunks = (
+        (b"IHDR", header),
+        (b"PLTE", palette),
+        (b"tRNS", alpha),
+        (b"IDAT", zlib.compress(lines.tobytes(), 9)),
+        (b"IEND", b""),
+    )
     return b"\x89PNG\r\n\x1a\n" + b"".join(
         struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body)) for name, body in chunks
     )

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rangeeval.model import Estimate, Result
-from rangeeval.report.blocks import Block, Cell, Figure, Mark, Notice, Panel, Paragraph, Section, Table
-from rangeeval.report.sections.common import flag_notices
-from rangeeval.report.tables import Line, headline_table, lines, pooled
-from rangeeval.report.wording import (
+from rangeeval.reporting.blocks import Block, Cell, Figure, Mark, Notice, Panel, Paragraph, Section, Table
+from rangeeval.reporting.sections.common import flag_notices
+from rangeeval.reporting.tables import Line, headline_table, lines, pooled
+from rangeeval.reporting.wording import (
     FLAGS,
     MISSING,
     bin_text,
@@ -54,7 +54,11 @@ def _overview(result: Result) -> list[Block]:
         Figure(
             "Assessed random error per bin with its interval (points), and what SNR and the radar's parameters predict (dashed).",
             _alt(everything),
-            [[_sigma_panel(everything, quantity, variable)] for quantity in AXES.values() if _has(everything, quantity)],
+            [
+                [_sigma_panel(everything, quantity, variable)]
+                for quantity in AXES.values()
+                if _has(everything, quantity)
+            ],
             "tall",
         ),
     ]
@@ -91,11 +95,21 @@ def _sigma_panel(rows: Sequence[Estimate], quantity: str, variable: str) -> Pane
     x = _centre(chosen, across.scale)
     marks = []
     brackets = [
-        [r for r in rows if r.quantity == f"{quantity}_bracket_{end}" and math.isfinite(r.value)] for end in ("low", "high")
+        [r for r in rows if r.quantity == f"{quantity}_bracket_{end}" and math.isfinite(r.value)]
+        for end in ("low", "high")
     ]
     if brackets[0] and len(brackets[0]) == len(brackets[1]):
         low, high = ([unit.value(r.value) for r in side] for side in brackets)
-        marks.append(Mark("band", _centre(brackets[0], across.scale), low=low, high=high, label="bracket, any motion", role="reference"))
+        marks.append(
+            Mark(
+                "band",
+                _centre(brackets[0], across.scale),
+                low=low,
+                high=high,
+                label="bracket, any motion",
+                role="reference",
+            )
+        )
     predicted = [r for r in rows if r.quantity == f"predicted_{quantity}" and math.isfinite(r.value)]
     if predicted:
         y = [unit.value(r.value) for r in predicted]
@@ -161,7 +175,9 @@ def _bracket_table(rows: Sequence[Estimate]) -> Table:
             value, white, low, high = (_value(line, quantity + end) for end in ends)
             cells += [value, white, f"{low} – {high}"]
         body.append(cells)
-    return Table("What the motion model makes of it: noise only, optimal gains, and the bracket that needs no model", head, body)
+    return Table(
+        "What the motion model makes of it: noise only, optimal gains, and the bracket that needs no model", head, body
+    )
 
 
 def _value(line: Line, quantity: str) -> str:
@@ -313,7 +329,9 @@ def _bin_panels(
     width = edges[1] - edges[0]
     total = sum(bars["count"])
     steps = [edges[0] + (edges[-1] - edges[0]) * i / 80 for i in range(81)]
-    curve = [total * width * math.exp(-0.5 * ((x - mean) / sigma) ** 2) / (sigma * math.sqrt(2 * math.pi)) for x in steps]
+    curve = [
+        total * width * math.exp(-0.5 * ((x - mean) / sigma) ** 2) / (sigma * math.sqrt(2 * math.pi)) for x in steps
+    ]
     qq, acf = series[f"{here}/qq"], series[f"{here}/autocorrelation"]
     ends = [qq["normal"][0], qq["normal"][-1]]
     limit = 1.96 / math.sqrt(max(of[f"{axis}_sigma"].n, 1))
