@@ -1,24 +1,39 @@
-"""Post-trial analysis of radar test-range logs, with an honest interval on every number."""
+"""Post-trial analysis of radar test-range logs, with an honest interval on every number.
+
+`open_trial(path)` reads a trial; each analysis is a function of the name of its command that takes a trial and
+returns a result with `.estimates`, `.to_json()` and `.plot()`; `report(trial, directory)` writes the report.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+import importlib
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 
-# What the package offers by name; each is imported when it is first asked for, so that `import rangeeval` is quick.
-_OFFERED = {
+if TYPE_CHECKING:
+    from rangeeval.analyses.accuracy import accuracy
+    from rangeeval.flow import check, evaluate, report
+    from rangeeval.model import Bins, Result, Trial, log_of
+    from rangeeval.parsers import open_trial
+
+# Imported when first asked for: `import rangeeval` costs nothing, and `rangeeval --help` answers at once.
+_WHERE = {
     "open_trial": "rangeeval.parsers",
+    "accuracy": "rangeeval.analyses.accuracy",
+    "evaluate": "rangeeval.flow",
+    "check": "rangeeval.flow",
+    "report": "rangeeval.flow",
+    "Bins": "rangeeval.model",
+    "Result": "rangeeval.model",
+    "Trial": "rangeeval.model",
+    "log_of": "rangeeval.model",
 }
+
+__all__ = ["Bins", "Result", "Trial", "accuracy", "check", "evaluate", "log_of", "open_trial", "report"]
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _OFFERED:
+    if name not in _WHERE:
         raise AttributeError(f"module 'rangeeval' has no attribute '{name}'")
-    from importlib import import_module
-
-    return getattr(import_module(_OFFERED[name]), name)
-
-
-def __dir__() -> list[str]:
-    return sorted([*globals(), *_OFFERED])
+    return getattr(importlib.import_module(_WHERE[name]), name)

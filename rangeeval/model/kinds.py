@@ -65,11 +65,15 @@ TIME = _c("time_s", "s", "time of the row", required=True)
 TRACK = _c("track_id", about="which track", text=True)
 TARGET = _c("target_id", about="which target", text=True)
 
-_GAINS = tuple(
-    _c(f"{gain}_{axis}", about=f"filter gain {gain} of the {axis} axis")
-    for axis in ("range", "y", "z")
-    for gain in ("alpha", "beta")
-) + (_c("alpha", about="alpha of all three axes"), _c("beta", about="beta of all three axes"))
+_GAINS = (
+    *(
+        _c(f"{gain}_{axis}", about=f"filter gain {gain} of the {axis} axis")
+        for axis in ("range", "y", "z")
+        for gain in ("alpha", "beta")
+    ),
+    _c("alpha", about="alpha of all three axes"),
+    _c("beta", about="beta of all three axes"),
+)
 GAIN_COLUMNS = tuple(c.name for c in _GAINS)
 
 _SINES = (

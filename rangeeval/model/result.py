@@ -130,7 +130,7 @@ class Result:
             raise InputError(f"{where}: not a rangeeval result ({error})") from error
 
     def plot(self, quantity: str | None = None) -> Any:
-        """Draw the estimates of one quantity (the analysis's first by default) with their intervals: a matplotlib Figure."""
+        """Draw one quantity (by default the first) against its bins with its intervals: a matplotlib Figure."""
         # The one upward import: drawing is the report's work, and users ask a result for its picture.
         from rangeeval.report.quick import plot_result
 

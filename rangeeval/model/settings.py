@@ -78,7 +78,7 @@ class BinSettings:
 
 @dataclass(frozen=True)
 class Requirement:
-    """One requirement: the quantity must not exceed `limit` at `confidence` in the bins and samples that `when` selects."""
+    """One requirement: `quantity` must not exceed `limit` at `confidence`, in the samples that `when` selects."""
 
     quantity: str
     limit: float

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from rangeeval.errors import InputError
 from rangeeval.model.settings import TrialSettings
@@ -29,7 +29,7 @@ class Trial:
 
     name: str
     logs: tuple[Log, ...]
-    settings: TrialSettings = TrialSettings()
+    settings: TrialSettings = field(default_factory=TrialSettings)
     sources: tuple[Source, ...] = ()
     problems: tuple[Problem, ...] = ()
 

@@ -1,0 +1,42 @@
+"""The analyses: each takes a trial's columns, names quantities, and calls the floor below.
+
+`ANALYSES` lists them all; an outside package adds its own through the entry-point group `rangeeval.analyses`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rangeeval.model import Result, Trial
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """An analysis: where its function is, and the kinds of log without which it has nothing to say."""
+
+    function: str
+    needs: tuple[str, ...]
+
+    def load(self) -> Callable[..., Result]:
+        """The function itself (imported now, not before it is needed)."""
+        module, name = self.function.split(":")
+        function: Callable[..., Result] = getattr(importlib.import_module(module), name)
+        return function
+
+    def applies_to(self, trial: Trial) -> bool:
+        """Whether the trial holds the logs it needs."""
+        return all(trial.of_kind(kind) for kind in self.needs)
+
+
+ANALYSES: dict[str, Analysis] = {
+    "accuracy": Analysis("rangeeval.analyses.accuracy:accuracy", needs=("residuals",)),
+}
+
+
+def all_analyses() -> dict[str, Analysis]:
+    """Ours and those of installed packages: an entry point names a `module:ANALYSIS` holding an `Analysis`."""
+    added = importlib.metadata.entry_points(group="rangeeval.analyses")
+    return {**ANALYSES, **{point.name: point.load() for point in added}}

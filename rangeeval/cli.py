@@ -1,0 +1,292 @@
+"""The command line: options in, one library call, exit status. Nothing here that a Python user would miss.
+
+Heavy packages are imported by the command that needs them, so that `--help` answers at once.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rangeeval import __version__
+from rangeeval.errors import InputError, RangeevalError, SettingsError, one_line
+
+if TYPE_CHECKING:
+    from rangeeval.model import Bins, Result, Trial
+
+FAILED = 3
+
+Command = Callable[..., Any]
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="rangeeval")
+def cli() -> None:
+    """Post-trial analysis of radar test-range logs: how accurate the radar was, bin by bin, and how sure that is.
+
+    TRIAL is a folder of log files (with or without a trial.toml), or single log files. Logs are recognised by
+    their content. `rangeeval report TRIAL -o DIR` does the whole job.
+    """
+
+
+paths = click.argument("trial", nargs=-1, required=True, type=click.Path(path_type=Path))
+
+
+def analysis_options(command: Command) -> Command:
+    """Options that every analysis takes."""
+    for option in (
+        click.option("--format", "form", type=click.Choice(["table", "json", "csv"]), help="Default: table."),
+        click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="Write to this file."),
+        click.option("--confidence", type=float, default=0.95, show_default=True, help="Of the two-sided intervals."),
+        click.option("--bin-width", type=float, help="Width of the bins, in the variable's SI unit (m, rad, dB, s)."),
+        click.option("--bin-start", type=float, help="Where the first bin starts."),
+        click.option("--bins", "variable", help="Bin by range, azimuth, elevation, snr or time."),
+        click.option("--snr-span", type=float, metavar="DB", help="Range bins of this constant SNR span instead."),
+    ):
+        command = option(command)
+    return command
+
+
+def estimator_option(command: Command) -> Command:
+    """Which formulas."""
+    return click.option(
+        "--estimator",
+        type=click.Choice(["recommended", "paper"]),
+        default="recommended",
+        show_default=True,
+        help="`paper`: the source paper's formulas to the letter.",
+    )(command)
+
+
+@cli.command()
+@paths
+@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder to write.")
+@click.option("--confidence", type=float, default=0.95, show_default=True, help="Of the two-sided intervals.")
+def report(trial: tuple[Path, ...], output: Path, confidence: float) -> None:
+    """Read, analyse all that the logs allow, and write report.html, report.pdf and results.json.
+
+    Given a results.json instead of a trial, the report is rebuilt from it alone. Several trial folders give a
+    folder of their own each.
+    """
+    from rangeeval import flow
+
+    several = len(trial) > 1 and all(path.is_dir() for path in trial)
+    for job in ([path] for path in trial) if several else [list(trial)]:
+        folder = output / job[0].name if several else output
+        if len(job) == 1 and _is_results(job[0]):
+            written = flow.write_report(flow.read_results(job[0]), folder)
+        else:
+            with progress("reading") as advance:
+                written = flow.report(opened(job), folder, flow.Plan(confidence=confidence), advance)
+        for path in written:
+            click.echo(path)
+
+
+@cli.command()
+@paths
+@analysis_options
+@estimator_option
+@click.option("--per-track", is_flag=True, help="Also a row for each track.")
+@click.option("--when", multiple=True, metavar="COLUMN_min|_max=VALUE", help="Keep only such samples (repeatable).")
+def accuracy(
+    trial: tuple[Path, ...], form: str | None, output: Path | None, confidence: float, estimator: str,
+    per_track: bool, when: tuple[str, ...], **bins: Any,
+) -> None:  # fmt: skip
+    """Random-error sigma per bin from residuals and gains, no truth.
+
+    A constant bias leaves no trace in residuals: it is not in these numbers.
+    """
+    from rangeeval.analyses.accuracy import accuracy as analyse
+
+    one = opened(list(trial))
+    with progress("accuracy") as advance:
+        result = analyse(
+            one,
+            bins_of(one, **bins),
+            confidence=confidence,
+            estimator=estimator,
+            per_track=per_track,
+            when=dict(_pair(w) for w in when),
+            progress=advance,
+        )
+    show(one, result, form, output)
+
+
+@cli.command()
+@paths
+@analysis_options
+@estimator_option
+def check(
+    trial: tuple[Path, ...], form: str | None, output: Path | None, confidence: float, estimator: str, **bins: Any
+) -> None:
+    """Judge the requirements of trial.toml in every bin: pass, fail or inconclusive. Exit status 3 when one fails."""
+    from rangeeval import flow
+
+    one = opened(list(trial))
+    plan = flow.Plan(bins=bins_of(one, **bins), confidence=confidence, estimator=estimator)
+    with progress("check") as advance:
+        result = flow.check(one, plan, progress=advance)
+    show(one, result, form, output)
+    if any(row.extra["verdict"] == "fail" for row in result.rows):
+        sys.exit(FAILED)
+
+
+@cli.command()
+@paths
+@click.option("--format", "form", type=click.Choice(["table", "json"]), default="table", show_default=True)
+def inspect(trial: tuple[Path, ...], form: str) -> None:
+    """What each file was recognised as: columns, units, rows, span, gaps, rejected rows."""
+    import json
+
+    from rangeeval.parsers.inspection import inspect_trial
+
+    found = inspect_trial(list(trial))
+    if form == "json":
+        click.echo(json.dumps([item.as_dict() for item in found], allow_nan=False, ensure_ascii=False, indent=1))
+        return
+    from rangeeval.report.terminal import print_inspection
+
+    print_inspection(found)
+
+
+@cli.command()
+@click.argument("scenario", type=click.Choice(["alpha-beta"]))
+@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder to write.")
+@click.option("--seed", type=int, default=1, show_default=True)
+@click.option("--flights", type=click.IntRange(1), default=4, show_default=True)
+@click.option("--manoeuvre", type=float, default=0.0, show_default=True, metavar="M_S2", help="Target acceleration sigma.")
+@click.option("--outbound", is_flag=True, help="Each flight also flies back out.")
+@click.option("--no-truth", is_flag=True, help="Leave out the truth log.")
+def simulate(scenario: str, output: Path, seed: int, **options: Any) -> None:
+    """Make a synthetic trial with known answers.
+
+    alpha-beta: a radar whose alpha-beta tracker follows targets inbound from 100 km.
+    """
+    from rangeeval.scenarios import simulate_alpha_beta
+
+    for path in simulate_alpha_beta(output, seed=seed, **options):
+        click.echo(path)
+
+
+def opened(trial: list[Path]) -> Trial:
+    """The trial at these paths."""
+    from rangeeval.parsers import open_trial
+
+    return open_trial(trial if len(trial) > 1 else trial[0])
+
+
+def bins_of(
+    trial: Trial, *, variable: str | None, bin_width: float | None, bin_start: float | None, snr_span: float | None
+) -> Bins:
+    """The trial's bins with what the options change."""
+    import dataclasses
+
+    from rangeeval.model import Bins
+    from rangeeval.model.settings import settings_from
+
+    asked = {"variable": variable, "width": bin_width, "start": bin_start, "snr_span_db": snr_span}
+    own = {k: v for k, v in dataclasses.asdict(trial.settings.bins).items() if v is not None}
+    merged = {**own, **{k: v for k, v in asked.items() if v is not None}}
+    return Bins.of(settings_from({"bins": merged}, "options").bins)
+
+
+def show(trial: Trial, result: Result, form: str | None, output: Path | None) -> None:
+    """Print or write a result in the form asked for (by default that of the file's ending, else a table)."""
+    import dataclasses
+
+    from rangeeval import flow
+
+    form = form or {".json": "json", ".csv": "csv"}.get(output.suffix.lower() if output else "", "table")
+    problems = tuple(dict.fromkeys((*trial.problems, *result.problems)))
+    if form == "json":
+        text = dataclasses.replace(result, problems=problems, provenance=flow.provenance(trial)).to_json() + "\n"
+    elif form == "csv":
+        text = result.estimates.to_csv(index=False, lineterminator="\n")
+    else:
+        from rangeeval.report.terminal import as_text
+
+        text = as_text(result, None if output else sys.stdout)
+    if output is None:
+        click.echo(text, nl=False)
+    else:
+        output.write_text(text, encoding="utf-8", newline="")
+    for problem in problems:
+        click.echo(f"rangeeval: {one_line(problem)}", err=True)
+        for example in problem.examples:
+            click.echo(f"  {one_line(example)}", err=True)
+
+
+@contextlib.contextmanager
+def progress(label: str) -> Iterator[Callable[[int], None] | None]:
+    """Rows read so far on standard error, once it takes over a second; nothing when that is not a terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (SpinnerColumn(), TextColumn("{task.description} {task.completed:,.0f} rows"), TimeElapsedColumn())
+    bar = Progress(*columns, console=Console(stderr=True), transient=True)
+    task = bar.add_task(label, total=None)
+    started = time.monotonic()
+    live = False
+
+    def advance(rows: int) -> None:
+        nonlocal live
+        if not live and time.monotonic() - started > 1.0:
+            bar.start()
+            live = True
+        bar.advance(task, rows)
+
+    try:
+        yield advance
+    finally:
+        if live:
+            bar.stop()
+
+
+def _is_results(path: Path) -> bool:
+    return path.is_file() and path.suffix.lower() == ".json"
+
+
+def _pair(text: str) -> tuple[str, float]:
+    name, sign, value = text.partition("=")
+    try:
+        return name.strip(), float(value)
+    except ValueError:
+        raise SettingsError(f"--when '{one_line(text, 60)}': expected COLUMN_min=NUMBER or COLUMN_max=NUMBER") from None
+
+
+def main() -> None:
+    """The entry point: one clear line and exit status 1 for whatever the input or the machine made impossible."""
+    try:
+        cli(standalone_mode=True)
+    except RangeevalError as error:
+        _fail(str(error))
+    except BrokenPipeError:  # the reader (`| head`) has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    except OSError as error:
+        _fail(f"{error.filename or 'file'}: {error.strerror or error}")
+    except MemoryError:
+        _fail("not enough memory")
+    except Exception as error:
+        if os.environ.get("RANGEEVAL_DEBUG"):
+            raise
+        _fail(f"internal error, please report it: {type(error).__name__}: {error} (RANGEEVAL_DEBUG=1 shows where)")
+
+
+def _fail(line: str) -> None:
+    click.echo(f"rangeeval: {one_line(line, 1000)}", err=True)
+    sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

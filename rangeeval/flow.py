@@ -1,0 +1,164 @@
+"""The main flow: read, analyse, judge, compose, write."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.metadata
+import json
+import os
+import platform
+import tempfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import rangeeval
+from rangeeval.analyses import all_analyses
+from rangeeval.errors import InputError
+from rangeeval.model import Bins, Result, Trial
+from rangeeval.model.result import without_nan
+from rangeeval.model.settings import Requirement
+from rangeeval.requirements import check as judge
+
+Progress = Callable[[int], None]
+
+_VERSIONS = ("numpy", "scipy", "pandas", "h5py", "numba", "bokeh", "typst", "matplotlib")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to do with a trial: which analyses (all that its logs allow by default) and with which settings."""
+
+    analyses: tuple[str, ...] | None = None
+    bins: Bins | None = None
+    confidence: float = 0.95
+    estimator: str = "recommended"
+    per_track: bool = False
+
+
+def evaluate(trial: Trial, plan: Plan | None = None, progress: Progress | None = None) -> list[Result]:
+    """Every analysis that the trial's logs allow, and the verdicts on its requirements.
+
+    Raises InputError when the logs allow none.
+    """
+    plan = plan or Plan()
+    known = all_analyses()
+    chosen = plan.analyses or tuple(name for name, analysis in known.items() if analysis.applies_to(trial))
+    if not chosen:
+        held = ", ".join(sorted({log.kind for log in trial.logs})) or "no log"
+        raise InputError(f"{trial.name} holds {held}; no analysis can start from that")
+    origin = provenance(trial)
+    results = []
+    for name in chosen:
+        found = known[name].load()(trial, plan.bins, confidence=plan.confidence, progress=progress)
+        results.append(replace(found, problems=(*trial.problems, *found.problems), provenance=origin))
+    if trial.settings.requirements:
+        results.append(check(trial, plan, {r.analysis: r for r in results}, progress))
+    return results
+
+
+def check(
+    trial: Trial,
+    plan: Plan | None = None,
+    done: Mapping[str, Result] | None = None,
+    progress: Progress | None = None,
+) -> Result:
+    """The verdict on every requirement of the trial's settings, in every bin.
+
+    `done`: results already at hand; a requirement with a `when` needs its own pass over the log.
+    """
+    plan = plan or Plan()
+    requirements = trial.settings.requirements
+    if not requirements:
+        raise InputError(f"{trial.name}: no [[requirements]] in its trial.toml, so there is nothing to check")
+    accuracy = all_analyses()["accuracy"].load()
+    passes: dict[tuple[tuple[str, float], ...], Result] = {}
+    if done and "accuracy" in done:
+        passes[()] = done["accuracy"]
+    judged: list[tuple[Requirement, Result]] = []
+    for requirement in requirements:
+        key = tuple(sorted(requirement.when.items()))
+        if key not in passes:
+            passes[key] = accuracy(
+                trial,
+                plan.bins,
+                confidence=plan.confidence,
+                estimator=plan.estimator,
+                when=requirement.when,
+                progress=progress,
+            )
+        judged.append((requirement, passes[key]))
+    verdicts = judge(judged)
+    return replace(verdicts, provenance=provenance(trial))
+
+
+def provenance(trial: Trial) -> dict[str, Any]:
+    """What the result was made from and with: the trial's own words, its files with their SHA-256, versions."""
+    from rangeeval.parsers.hashing import sha256_of
+
+    digests = sha256_of(trial.sources)
+    return {
+        "trial": {**dataclasses.asdict(trial.settings.trial), "name": trial.title},
+        "settings": without_nan(dataclasses.asdict(trial.settings)),
+        "inputs": [{"file": s.name, "format": s.format, "kind": s.kind, "bytes": s.size, "sha256": digests[s.name]}
+                   for s in trial.sources],
+        "versions": {
+            "rangeeval": rangeeval.__version__,
+            "python": platform.python_version(),
+            **{name: importlib.metadata.version(name) for name in _VERSIONS},
+        },
+    }  # fmt: skip
+
+
+def write_report(results: Sequence[Result], directory: str | os.PathLike[str]) -> list[Path]:
+    """Write `report.html`, `report.pdf` and `results.json` for results, fresh or read back. Returns their paths."""
+    from rangeeval.report import render
+    from rangeeval.report.sections import compose
+
+    folder = Path(directory)
+    folder.mkdir(parents=True, exist_ok=True)
+    rendered = render(compose(results))
+    files = {
+        "report.html": rendered.html.encode(),
+        "report.pdf": rendered.pdf,
+        "results.json": results_json(results).encode(),
+    }
+    return [_write(folder / name, content) for name, content in files.items()]
+
+
+def report(
+    trial: Trial, directory: str | os.PathLike[str], plan: Plan | None = None, progress: Progress | None = None
+) -> list[Path]:
+    """The main job: analyse all that the trial's logs allow, and write the report."""
+    return write_report(evaluate(trial, plan, progress), directory)
+
+
+def results_json(results: Iterable[Result]) -> str:
+    """Results as `results.json` holds them: a list, with the series of their figures."""
+    return json.dumps([r.as_dict(series=True) for r in results], allow_nan=False, ensure_ascii=False)
+
+
+def read_results(path: str | os.PathLike[str]) -> list[Result]:
+    """Results back from a `results.json`. Raises InputError when it is not one."""
+    try:
+        data = json.loads(Path(path).read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not JSON ({error})") from error
+    if not isinstance(data, list) or not data:
+        raise InputError(f"{path}: not a list of rangeeval results")
+    return [Result.from_dict(item, f"{path}[{i}]") for i, item in enumerate(data)]
+
+
+def _write(path: Path, content: bytes) -> Path:
+    """Write a file whole or not at all: beside it first, then moved into its place."""
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+        os.chmod(name, 0o644)
+        os.replace(name, path)
+    except BaseException:
+        os.unlink(name)
+        raise
+    return path

@@ -1,0 +1,138 @@
+"""How numbers, bins and flags are worded: digits follow the interval, units are those of the reader."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from rangeeval.model import Estimate
+from rangeeval.units import Shown, shown, shown_variable
+
+MISSING = "–"
+
+FLAGS = {
+    "few-samples": "Fewer samples than the trial asks for: the interval is wide and the tests are weak.",
+    "correlated": (
+        "The residuals are not white (Ljung-Box). That alone is no fault: under constant velocity an alpha-beta "
+        "filter's residuals are coloured. The interval counts only the effective number of samples."
+    ),
+    "manoeuvre": (
+        "Consecutive residuals are positively correlated: the target manoeuvred beyond what the gains allow, or the "
+        "filter lags. With small gains sigma is then optimistic; rely on the bracket."
+    ),
+    "biased": (
+        "The mean residual differs from zero by more than chance: a lag (steady acceleration) that also sits in the "
+        "track. It is removed from sigma and reported beside it."
+    ),
+    "not-normal": "The residuals are not normal; the interval is widened for heavy tails.",
+    "outliers": (
+        "The ordinary and the robust sigma differ by more than 20 %: single large residuals carry the number. Look at "
+        "the samples over time and at the robust sigma."
+    ),
+    "gains-vary": (
+        "The gains change so much inside the bin that bin-mean gains and the ratio per sample differ by more than 2 %; "
+        "the ratio per sample is used."
+    ),
+    "snr-varies": "The size of the residuals changes with SNR inside the bin: one sigma is an average over the bin.",
+    "range-varies": "The size of the residuals changes with range inside the bin: a narrower bin would show how.",
+    "grazing": "The target is so far off boresight (cosine below 0.1) that angle and cross-range no longer correspond.",
+    "range-leak": (
+        "Range noise may enter this angle if the tracker updates range and cross-range apart; the leak bound is the "
+        "upper limit."
+    ),
+    "steady-state": "Most updates of the bin were left out while the filter settled; few remain.",
+    "unobservable": "The predicted cross-range reaches the predicted range: no angle can be had. Check frame and units.",
+    "extrapolated": "Outside the data the model was fitted to.",
+}
+
+QUANTITIES = {
+    "range_sigma": "Range σ",
+    "y_sigma": "y σ",
+    "z_sigma": "z σ",
+    "elevation_sigma": "Elevation σ",
+    "azimuth_sigma": "Azimuth σ",
+}
+
+
+def quantity_name(quantity: str) -> str:
+    """A quantity as a heading says it."""
+    return QUANTITIES.get(quantity, quantity.replace("_", " "))
+
+
+def decimals_for(low: float, high: float) -> int | None:
+    """How many decimals an interval supports: two significant digits of its half width. None without an interval."""
+    half = abs(high - low) / 2.0
+    if not math.isfinite(half) or half <= 0.0:
+        return None
+    return max(0, min(12, 1 - math.floor(math.log10(half))))
+
+
+def plain_number(value: float, digits: int = 4) -> str:
+    """A number to a few significant digits; a dash where it is missing."""
+    if not math.isfinite(value):
+        return MISSING
+    if value == 0.0:
+        return "0"
+    size = math.floor(math.log10(abs(value)))
+    if -4 <= size < 7:
+        return f"{value:.{max(0, digits - 1 - size)}f}"
+    return f"{value:.{digits - 1}e}"
+
+
+def _converted(estimate: Estimate, unit: Shown) -> tuple[float, float, float]:
+    return unit.value(estimate.value), unit.value(estimate.low), unit.value(estimate.high)
+
+
+def value_text(estimate: Estimate) -> str:
+    """The estimate alone, with the digits its interval supports (no unit)."""
+    value, low, high = _converted(estimate, shown(estimate.unit))
+    if not math.isfinite(value):
+        return MISSING
+    decimals = decimals_for(low, high)
+    return plain_number(value, 3) if decimals is None else f"{value:.{decimals}f}"
+
+
+def interval_text(estimate: Estimate) -> str:
+    """The interval alone, such as 3.51 – 4.21; a dash where there is none."""
+    _, low, high = _converted(estimate, shown(estimate.unit))
+    decimals = decimals_for(low, high)
+    return MISSING if decimals is None else f"{low:.{decimals}f} – {high:.{decimals}f}"
+
+
+def estimate_text(estimate: Estimate) -> str:
+    """The estimate with its interval, such as 3.82 [3.51, 4.21] (no unit)."""
+    _, low, high = _converted(estimate, shown(estimate.unit))
+    decimals = decimals_for(low, high)
+    text = value_text(estimate)
+    return text if decimals is None or text == MISSING else f"{text} [{low:.{decimals}f}, {high:.{decimals}f}]"
+
+
+def unit_name(unit: str) -> str:
+    """The unit in which a stored unit is shown."""
+    return shown(unit).unit
+
+
+def in_shown_unit(value: float, unit: str) -> str:
+    """A stored number in the reader's unit, with its name: 20 m, 3 arcmin."""
+    display = shown(unit)
+    return f"{plain_number(display.value(value), 4)} {display.unit}".strip()
+
+
+def bin_text(estimate: Estimate) -> str:
+    """The bin, such as 10 – 15 km."""
+    return edges_text(estimate.variable or "", estimate.bin_low, estimate.bin_high)
+
+
+def edges_text(variable: str, low: float, high: float) -> str:
+    """A bin by its edges."""
+    if not math.isfinite(low):
+        return "whole trial"
+    unit = shown_variable(variable)
+    edges = [f"{unit.value(v):.6g}" for v in (low, high)]
+    space = "" if unit.unit == "°" else " "
+    return f"{edges[0]} – {edges[1]}{space}{unit.unit}".strip()
+
+
+def flags_text(flags: Iterable[str]) -> str:
+    """Flags in one cell."""
+    return ", ".join(flags)

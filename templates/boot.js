@@ -1,0 +1,104 @@
+"use strict";
+// Draws each plot over its still picture when it comes near the screen, and lets the buttons beside it steer it.
+(() => {
+  const plots = JSON.parse(document.getElementById("plots").textContent);
+  const started = performance.now();
+
+  // Columns travel as 16-bit steps between their lowest and highest value; 65535 is a missing one.
+  const doubles = (column) => {
+    const raw = Uint8Array.from(atob(column.steps), (c) => c.charCodeAt(0));
+    const steps = new DataView(raw.buffer);
+    const unit = (column.high - column.low) / 65534;
+    const values = new Float64Array(raw.length / 2);
+    for (let i = 0; i < values.length; i++) {
+      const step = steps.getUint16(2 * i, true);
+      values[i] = step === 65535 ? NaN : column.low + step * unit;
+    }
+    const bytes = new Uint8Array(values.buffer);
+    let text = "";
+    for (let i = 0; i < bytes.length; i += 32768) text += String.fromCharCode(...bytes.subarray(i, i + 32768));
+    return { type: "ndarray", array: { type: "bytes", data: btoa(text) }, shape: [values.length], dtype: "float64", order: "little" };
+  };
+  const unpack = (plot) => {
+    for (const root of plot.doc.roots)
+      for (const renderer of root.attributes.renderers) {
+        const data = renderer.attributes.data_source.attributes.data;
+        data.entries = data.entries.map(([name, column]) => [name,
+          Array.isArray(column) ? column.map((value) => (value === null ? NaN : value)) : doubles(column)]);
+      }
+  };
+
+  const tools = { pan: "PanTool", box: "BoxZoomTool", wheel: "WheelZoomTool" };
+  const steer = (figure, models, views) => {
+    const each = (type, act) => {
+      for (const model of models) for (const tool of model.toolbar.tools) if (tool.type === type) act(tool);
+    };
+    const buttons = figure.querySelectorAll("[data-tool]");
+    for (const button of buttons)
+      button.addEventListener("click", () => {
+        const name = button.dataset.tool;
+        if (name === "reset") {
+          for (const view of views) view.reset();
+        } else if (name === "wheel") {
+          const on = button.getAttribute("aria-pressed") !== "true";
+          each(tools.wheel, (tool) => { tool.active = on; });
+          button.setAttribute("aria-pressed", on);
+        } else {
+          each(tools[name], (tool) => { tool.active = true; });
+          for (const other of buttons)
+            if (other.dataset.tool === "pan" || other.dataset.tool === "box")
+              other.setAttribute("aria-pressed", other === button);
+        }
+      });
+  };
+
+  const embed = async (figure) => {
+    const name = figure.dataset.plot;
+    const plot = plots[name];
+    const holders = figure.querySelectorAll("[data-panel]");
+    const roots = {};
+    plot.roots.forEach((id, i) => { roots[id] = holders[i].id; });
+    unpack(plot);
+    figure.classList.add("live");
+    try {
+      const managers = await Bokeh.embed.embed_items({ [name]: plot.doc }, [{ docid: name, roots, root_ids: plot.roots }]);
+      delete plots[name];
+      const views = managers.flatMap((manager) => Array.from(manager.roots ?? manager));
+      steer(figure, views.map((view) => view.model), views);
+      figure.dataset.drawn = Math.round(performance.now());
+      const root = document.documentElement;
+      root.dataset.firstPlot ??= figure.dataset.drawn;
+      root.dataset.drawn = Number(root.dataset.drawn ?? 0) + 1;
+    } catch (error) {
+      figure.classList.remove("live");
+      console.error(`${name} stays a still picture:`, error);
+    }
+  };
+
+  // One at a time, so that what is on the screen is drawn before what is below it.
+  let queue = Promise.resolve();
+  const watch = new IntersectionObserver((entries) => {
+    for (const entry of entries)
+      if (entry.isIntersecting) {
+        watch.unobserve(entry.target);
+        queue = queue.then(() => embed(entry.target));
+      }
+  }, { rootMargin: "250px" });
+  Bokeh.set_log_level("error");
+  document.documentElement.dataset.booted = Math.round(started);
+  for (const figure of document.querySelectorAll("[data-plot]")) watch.observe(figure);
+
+  // The table of contents shows where the reader is.
+  const links = new Map();
+  for (const link of document.querySelectorAll("nav a[href^='#']")) links.set(link.hash.slice(1), link);
+  const spy = new IntersectionObserver((entries) => {
+    for (const entry of entries) {
+      const link = links.get(entry.target.id);
+      if (link && entry.isIntersecting) {
+        for (const other of links.values()) other.removeAttribute("aria-current");
+        link.setAttribute("aria-current", "true");
+      }
+    }
+  }, { rootMargin: "-10% 0px -75% 0px" });
+  for (const section of document.querySelectorAll("main section[id]")) spy.observe(section);
+})();
