@@ -36,8 +36,8 @@ FORMATS: dict[str, Format] = {
     "text": Format(text.recognises, text.read),
 }
 
-# What reports and notes begin with: files that stand beside logs and are none.
-_NOT_LOGS = (b"%PDF", b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"<!doctype", b"<html", b"<svg", b"<?xml", b"{", b"[")
+# What reports and pictures begin with (in lower case): files that stand beside logs and are none.
+_NOT_LOGS = (b"%pdf", b"\x89png", b"\xff\xd8\xff", b"gif8", b"<!doctype", b"<html", b"<svg", b"<?xml", b"{", b"[")
 
 
 def formats() -> Mapping[str, Format]:

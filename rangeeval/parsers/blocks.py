@@ -63,7 +63,9 @@ class Block:
 
     def row(self, i: int) -> int:
         """The number in the file of the block's row i."""
-        return self.rows + i if isinstance(self.rows, int) else int(self.rows[i])
+        if isinstance(self.rows, int):
+            return self.rows + i
+        return int(self.rows[i]) if len(self.rows) else 0
 
 
 Reader = Callable[[Sequence[Field]], Iterator[Block]]
@@ -142,43 +144,43 @@ def _tables(written: Written, fields: Sequence[Field]) -> Iterator[Table]:
                 )
                 continue
             assert not isinstance(values, Coded)
-            numbers, wrong, found = _numbers(f, values, block, written)
-            columns[f.name] = numbers
-            problems += found
-            if wrong is not None:
-                bad = wrong if bad is None else bad | wrong
+            columns[f.name], bad = _numbers(f, values, block, written, bad, problems)
         table = Table(columns, {name: coder.labels for name, coder in labels.items()}, block.row(0), tuple(problems))
         yield table if bad is None else table.take(~bad)
 
 
 def _numbers(
-    f: Field, values: AnyArray, block: Block, written: Written
-) -> tuple[NDArray[np.float64], NDArray[np.bool_] | None, list[Problem]]:
-    """Numbers in the stored unit; which rows must be left out, and why."""
-    problems: list[Problem] = []
-    wrong: NDArray[np.bool_] | None = None
+    f: Field,
+    values: AnyArray,
+    block: Block,
+    written: Written,
+    bad: NDArray[np.bool_] | None,
+    problems: list[Problem],
+) -> tuple[NDArray[np.float64], NDArray[np.bool_] | None]:
+    """Numbers in the stored unit, and the rows to leave out with those of the columns before (each counted once)."""
     if values.dtype.kind in "OSU":
-        values, wrong = _parsed(f, values, block, written, problems)
+        values, bad = _parsed(f, values, block, written, bad, problems)
     numbers = np.asarray(values, dtype=np.float64)
     # A finite sum is the cheap proof that all are finite; NaN or an overflow asks for the exact look.
     with np.errstate(over="ignore", invalid="ignore"):
         suspicious = not np.isfinite(numbers.sum())
     if suspicious and (infinite := np.isinf(numbers)).any():
-        fresh = infinite if wrong is None else infinite & ~wrong
+        fresh = infinite if bad is None else infinite & ~bad
         if fresh.any():
             problems.append(_left_out(f, fresh, block, written, "rows with an infinite number", "is infinite"))
-        wrong = infinite if wrong is None else wrong | infinite
+        bad = fresh if bad is None else bad | fresh
     if f.unit.transform is not None:
         before = np.isfinite(numbers)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             numbers = f.unit.to_si(numbers)
-        if (lost := before & ~np.isfinite(numbers)).any():
+        lost = before & ~np.isfinite(numbers)
+        if (lost if bad is None else lost & ~bad).any():
             numbers[lost] = np.nan
             why = f"numbers in '{one_line(f.written, 60)}' that {f.name} cannot express; taken as missing"
             problems.append(replace(_left_out(f, lost, block, written, why, "cannot be converted"), rejected=False))
     elif f.unit.factor != 1.0:
         numbers = numbers * f.unit.factor
-    return numbers, wrong, problems
+    return numbers, bad
 
 
 def _left_out(f: Field, rows: NDArray[np.bool_], block: Block, written: Written, reason: str, what: str) -> Problem:
@@ -192,7 +194,12 @@ MISSING = frozenset({"", "nan", "n/a", "-", "-nan"})  # compared without regard 
 
 
 def _parsed(
-    f: Field, values: AnyArray, block: Block, written: Written, problems: list[Problem]
+    f: Field,
+    values: AnyArray,
+    block: Block,
+    written: Written,
+    bad: NDArray[np.bool_] | None,
+    problems: list[Problem],
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_] | None]:
     """Numbers out of cells of text, cell by cell (an array format that stores numbers as text)."""
     numbers = np.full(len(values), np.nan)
@@ -206,13 +213,15 @@ def _parsed(
         try:
             numbers[i] = float(text)
         except ValueError:
+            if bad is not None and bad[i]:
+                continue
             wrong[i] = True
             if len(examples) < MAX_SHOWN:
                 examples.append(not_a_number(written.place(block.row(i)), f.written, text))
     if not wrong.any():
-        return numbers, None
+        return numbers, bad
     problems.append(Problem(written.where, TEXT_IN_NUMBERS, int(wrong.sum()), tuple(examples), rejected=True))
-    return numbers, wrong
+    return numbers, wrong if bad is None else bad | wrong
 
 
 TEXT_IN_NUMBERS = "rows with text in a number column"

@@ -149,6 +149,7 @@ def audit(path: str) -> dict[str, Any]:
         raise InputError(f"the file is damaged or not HDF5 ({one_line(text, 200)})") from None
     with file:
         audit_ = _Audit(h5py, file)
+        audit_.seen.add(h5py.h5o.get_info(file.id).addr)
         audit_.group(file, "/", 0)
     return {"tables": audit_.tables, "notes": audit_.notes}
 

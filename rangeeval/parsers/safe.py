@@ -6,6 +6,7 @@ child is a fork (a few milliseconds); elsewhere a fresh interpreter.
 
 from __future__ import annotations
 
+import faulthandler
 import importlib
 import json
 import os
@@ -93,6 +94,8 @@ def _forked(module: str, function: str, path: str, seconds: float) -> tuple[byte
     if child == 0:
         try:
             os.close(read_end)
+            faulthandler.disable()
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # what a dying library prints is not for the terminal
             _limit()
             with open(write_end, "wb") as pipe:
                 pipe.write(_answer(module, function, path))

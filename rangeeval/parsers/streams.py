@@ -8,7 +8,7 @@ import gzip
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, cast
 
 from rangeeval.errors import InputError, MissingExtra
 
@@ -36,16 +36,20 @@ def compression(head: bytes) -> str:
     return "gzip" if head.startswith(_GZIP) else "zstd" if head.startswith(_ZSTD) else ""
 
 
-def opened(path: Path) -> IO[bytes]:
+@contextlib.contextmanager
+def opened(path: Path) -> Iterator[IO[bytes]]:
     """The file's bytes, decompressed."""
-    raw = path.open("rb")
-    how = compression(raw.read(4))
-    raw.seek(0)
-    if how == "gzip":
-        return gzip.GzipFile(fileobj=raw)  # type: ignore[return-value]
-    if how == "zstd":
-        return _zstd().ZstdFile(raw)  # type: ignore[no-any-return]
-    return raw
+    with path.open("rb") as raw:
+        how = compression(raw.read(4))
+        raw.seek(0)
+        if how == "gzip":
+            with gzip.GzipFile(fileobj=raw) as stream:
+                yield cast(IO[bytes], stream)
+        elif how == "zstd":
+            with _zstd().ZstdFile(raw) as stream:
+                yield stream
+        else:
+            yield raw
 
 
 def damage() -> tuple[type[Exception], ...]:

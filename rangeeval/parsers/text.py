@@ -324,7 +324,14 @@ class _Parser:
             blank[i] = not block[starts[i] : ends[i]].strip()
         wrong = (widths != self.dialect.fields) & ~blank & ~nul & ~unquoted
         if self.dialect.trailing:
-            wrong |= ~blank & ~nul & ~unquoted & (bytes_[np.maximum(ends - 1, 0)] != self.separator)
+            # A value beyond the header's last name: a name was lost, and which one nobody can tell.
+            beyond = ~blank & ~nul & ~unquoted & ~wrong & (bytes_[np.maximum(ends - 1, 0)] != self.separator)
+            if beyond.any():
+                line = int(beyond.argmax())
+                raise InputError(
+                    f"{self.name}:{first + line}: the row has {self.dialect.fields} fields, "
+                    f"the header names {len(self.dialect.names)} columns"
+                )
         problems: list[Problem] = []
         self._note(problems, first, nul & ~blank, "rows with a NUL byte", lambda i: "holds a NUL byte")
         self._note(
