@@ -82,8 +82,11 @@ def ticks(view: Range, most: int, log: bool = False) -> tuple[list[float], list[
         values, labels = _log_ticks(low, high, most)
         if len(values) >= 2:
             return values, labels, ""
-    step = _round_step((high - low) / most)
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    for factor in (1.0, 0.5, 0.25):  # where one round number or none falls inside, take a finer step
+        step = _round_step((high - low) / most * factor)
+        first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+        if last - first >= min(2, most - 1):
+            break
     largest = max(abs(low), abs(high))
     power = 3 * math.floor(math.log10(largest) / 3) if largest > 0 else 0
     power = power if power >= 6 or power <= -6 or (power == -3 and largest < 2e-3) else 0

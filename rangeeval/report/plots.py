@@ -91,6 +91,7 @@ def _plot(models: _Models, panel: Panel, x_range: Json, view: tuple[Range, Range
         "Figure",
         height=height,
         sizing_mode="stretch_width",
+        min_border_left=64,
         min_border_right=12,
         x_range=x_range,
         y_range=models.new("Range1d", start=view[1][0], end=view[1][1]),

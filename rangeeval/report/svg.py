@@ -26,7 +26,8 @@ from rangeeval.stats.reduce import decimate, thin
 DENSE = 3000  # points beyond which a cloud is drawn as pixels
 _MARKED = 60  # points up to which each gets the marker of its role
 _PIXELS_PER_POINT = 3.0
-_SMALL, _LABEL, _TITLE = 6.4, 7.0, 7.6
+_SMALL, _LABEL, _TITLE = 6.4, 7.0, 7.6  # sizes of text, in points
+_ABOVE, _BELOW = 14.0, 27.0  # room for a title over the frame, and for labels under it
 
 
 class _Canvas:
@@ -100,9 +101,15 @@ def render_svg(figure: Figure, glyphs: Glyphs) -> str:
     top = _draw_legend(canvas, legend(figure), total)
     height = style.ROW_HEIGHT_PT[figure.size]
     ranges = views(figure)
+    gap = 9.0
+    pitch = (total + gap) / columns
+    widest = [0.0] * columns  # of the y tick labels in a column, so that its frames line up
+    for row, column, panel in panels(figure):
+        labels = _y_ticks(panel, ranges[row, column][1], height)[1]
+        widest[column] = max([widest[column], *(canvas.width(label, _SMALL) for label in labels)])
     for number, (row, column, panel) in enumerate(panels(figure)):
-        cell = (column * total / columns, top + row * height, (column + 1) * total / columns, top + (row + 1) * height)
-        _draw_panel(canvas, panel, ranges[row, column], cell, f"c{number}", first=column == 0)
+        cell = (column * pitch, top + row * height, (column + 1) * pitch - gap, top + (row + 1) * height)
+        _draw_panel(canvas, panel, ranges[row, column], cell, f"c{number}", widest[column])
     bottom = top + rows * height
     families = ", ".join(style.FONT_FAMILIES)
     return (
@@ -144,16 +151,13 @@ def _draw_sample(canvas: _Canvas, mark: Mark, x: float, y: float, width: float) 
 
 
 def _draw_panel(
-    canvas: _Canvas, panel: Panel, view: tuple[Range, Range], cell: tuple[float, float, float, float], clip: str, *, first: bool
+    canvas: _Canvas, panel: Panel, view: tuple[Range, Range], cell: tuple[float, float, float, float], clip: str, widest: float
 ) -> None:
     left, top, right, bottom = cell
-    plot_top = top + (14.0 if panel.title else 5.0)
-    plot_bottom = bottom - (25.0 if panel.x_label else 16.0)
-    most = max(2, int((plot_bottom - plot_top) / 17))
-    y_ticks = ticks(view[1], most, panel.y_log)
-    widest = max((canvas.width(label, _SMALL) for label in y_ticks[1]), default=0.0)
-    plot_left = left + widest + (14.0 if panel.y_label else 5.0) + (0.0 if first else 5.0)
-    plot_right = right - 6.0
+    plot_top, plot_bottom = top + _ABOVE, bottom - _BELOW
+    y_ticks = _y_ticks(panel, view[1], bottom - top)
+    plot_left = left + widest + (13.0 if panel.y_label else 4.0)
+    plot_right = right - 2.0
     axes = _Axes(panel, view, (plot_left, plot_top, plot_right, plot_bottom))
     x_ticks = _fitting_ticks(canvas, view[0], plot_right - plot_left, panel.x_log)
 
@@ -186,7 +190,11 @@ def _draw_panel(
         canvas.text(middle, plot_bottom + 17.5, text, _LABEL, "middle")
     if panel.y_label:
         text = canvas.fitted(_with_power(panel.y_label, y_ticks[2]), _LABEL, height + 8)
-        canvas.text(plot_left - widest - 6.5, (plot_top + plot_bottom) / 2, text, _LABEL, "middle", up=True)
+        canvas.text(plot_left - widest - 6.0, (plot_top + plot_bottom) / 2, text, _LABEL, "middle", up=True)
+
+
+def _y_ticks(panel: Panel, view: Range, height: float) -> tuple[list[float], list[str], str]:
+    return ticks(view, int((height - _ABOVE - _BELOW) / 17), panel.y_log)
 
 
 def _with_power(label: str, power: str) -> str:

@@ -74,7 +74,7 @@ def bin_section(number: int, rng: np.random.Generator, samples: int = 300) -> Se
                 "Correlated.",
             ),
         ),
-        own_page=True,
+        own_page=number > 0,
         level=2,
         key=f"bin-{low}-{high}",
     )
