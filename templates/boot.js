@@ -60,7 +60,7 @@
     try {
       const managers = await Bokeh.embed.embed_items({ [name]: plot.doc }, [{ docid: name, roots, root_ids: plot.roots }]);
       delete plots[name];
-      const views = managers.flatMap((manager) => Array.from(manager.roots ?? manager));
+      const views = managers.flatMap((manager) => Array.from(manager)).filter((view) => plot.roots.includes(view.model.id));
       steer(figure, views.map((view) => view.model), views);
       figure.dataset.drawn = Math.round(performance.now());
       const root = document.documentElement;

@@ -117,7 +117,7 @@ def _log_ticks(low: float, high: float, most: int) -> tuple[list[float], list[st
     else:
         every = math.ceil(len(values) / most)
         values = [(f, p) for f, p in values if p % every == 0]
-    plain = -3 <= first and last <= 4
+    plain = first >= -3 and last <= 4
     labels = [
         f"{f * 10.0**p:.{max(0, -p)}f}" if plain else power_of_ten(p) if f == 1 else f"{f}·{power_of_ten(p)}"
         for f, p in values

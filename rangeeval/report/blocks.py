@@ -62,7 +62,9 @@ class Table:
             if len(row) != columns:
                 raise ValueError(f"table '{self.caption}': row {number} has {len(row)} cells, not {columns}")
         if self.align and (len(self.align) != columns or set(self.align) - set("lcr")):
-            raise ValueError(f"table '{self.caption}': align '{self.align}' is not {columns} letters of l, c, r")
+            raise ValueError(
+                f"table '{self.caption}': align '{self.align}' is not {columns} letters of l, c, r"
+            )
 
     @property
     def alignment(self) -> str:
@@ -155,6 +157,12 @@ class Document:
     meta: Sequence[tuple[str, str]] = ()
     sections: Sequence[Section] = ()
     language: str = "en"
+
+    def __post_init__(self) -> None:
+        if not (self.language.isascii() and self.language.isalpha() and 2 <= len(self.language) <= 3):
+            raise ValueError(
+                f"language '{self.language}' is not a code of two or three letters, such as 'en'"
+            )
 
 
 def outline(document: Document) -> list[tuple[Section, int, str]]:

@@ -1,7 +1,7 @@
-"""A document as one HTML file: no network, no script but the two it carries, a still picture under every plot.
+"""A document as one HTML file: no network, two scripts of its own, a still picture under every plot.
 
-The page's Content-Security-Policy allows scripts by their SHA-256 alone, so nothing a log holds can ever run. Styles are
-allowed inline, because bokeh writes its own while drawing; no data goes into any of them.
+The page's Content-Security-Policy allows scripts by their SHA-256 alone, so nothing a log holds can ever
+run. Styles are allowed inline, because bokeh writes its own while drawing; no data goes into any of them.
 """
 
 from __future__ import annotations
@@ -75,8 +75,19 @@ class _Placed:
             number = len(self.plots) + 1
             name = f"f{number}"
             self.plots[name] = plot_document(block, name, version)
-            cells = [panel is not None for row in block.panels for panel in [*row, *[None] * (block.columns - len(row))]]
-            return {"kind": kind, "block": block, "name": name, "number": number, "cells": cells, "legend": legend(block)}
+            cells = [
+                panel is not None
+                for row in block.panels
+                for panel in [*row, *[None] * (block.columns - len(row))]
+            ]
+            return {
+                "kind": kind,
+                "block": block,
+                "name": name,
+                "number": number,
+                "cells": cells,
+                "legend": legend(block),
+            }
         if kind == "table":
             rows = [[cell if isinstance(cell, Cell) else Cell(cell) for cell in row] for row in block.rows]  # type: ignore[union-attr]
             self._tables += 1

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from rangeeval.report.blocks import Document
 from rangeeval.report.html import write_html
-
 from rangeeval.report.pages import draw
 from rangeeval.report.pdf import write_pdf
 

@@ -16,10 +16,20 @@ from typing import Any
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 FLAGS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync", "--disable-extensions", "--hide-scrollbars", "--mute-audio",
-    "--remote-debugging-pipe", "--force-color-profile=srgb",
-)  # fmt: skip
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-extensions",
+    "--hide-scrollbars",
+    "--mute-audio",
+    "--remote-debugging-pipe",
+    "--force-color-profile=srgb",
+)
 
 
 def find_browser() -> str | None:
@@ -87,7 +97,13 @@ class Browser:
 
     def size(self, width: int, height: int = 900) -> None:
         """The size of the window, in CSS pixels."""
-        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
 
     def open(self, file: Path) -> None:
         """Open a file and wait until it has loaded."""
@@ -119,8 +135,12 @@ class Browser:
 
     def complaints(self) -> list[str]:
         """Every error the page or the browser wrote to the console."""
-        calls = [e for e in self.named("Runtime.consoleAPICalled") if e["type"] in ("error", "warning", "assert")]
-        logs = [e["entry"] for e in self.named("Log.entryAdded") if e["entry"]["level"] in ("error", "warning")]
+        calls = [
+            e for e in self.named("Runtime.consoleAPICalled") if e["type"] in ("error", "warning", "assert")
+        ]
+        logs = [
+            e["entry"] for e in self.named("Log.entryAdded") if e["entry"]["level"] in ("error", "warning")
+        ]
         return [str(e) for e in (*calls, *logs, *self.named("Runtime.exceptionThrown"))]
 
     def requests(self) -> list[str]:
