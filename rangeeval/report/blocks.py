@@ -22,6 +22,13 @@ MarkKind = Literal["points", "line", "step", "bars", "stems", "band", "errorbars
 FigureSize = Literal["compact", "normal", "tall"]
 
 
+_USED: dict[str, tuple[str, ...]] = {  # the series of a mark that go together
+    **dict.fromkeys(("points", "line", "step", "bars", "stems"), ("x", "y")),
+    "band": ("x", "low", "high"),
+    "errorbars": ("x", "y", "low", "high"),
+}
+
+
 @dataclass(frozen=True)
 class Paragraph:
     """One paragraph of running text."""
@@ -100,6 +107,13 @@ class Mark:
     high: Numbers = ()
     label: str = ""
     role: str = "measured"
+
+    def __post_init__(self) -> None:
+        used = [len(getattr(self, name)) for name in _USED.get(self.kind, ())]
+        if self.kind == "bars":
+            used[0] -= bool(used[0])
+        if len(set(used)) > 1:
+            raise ValueError(f"mark '{self.label}' of kind {self.kind}: its series differ in length, {used}")
 
 
 @dataclass(frozen=True)

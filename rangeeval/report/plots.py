@@ -12,6 +12,7 @@ that are counted from 1970.
 from __future__ import annotations
 
 import base64
+import math
 from typing import Any
 
 import numpy as np
@@ -76,7 +77,8 @@ def plot_document(figure: Figure, prefix: str, version: str) -> Json:
 def _plot(models: _Models, panel: Panel, x_range: Json, view: tuple[Range, Range], height: int) -> Json:
     renderers = [renderer for mark in panel.marks for renderer in _renderers(models, mark, panel)]
     spans = [span for mark in panel.marks if mark.kind == "rule" for span in _spans(models, mark)]
-    x_axis, y_axis = _axis(models, panel.x_label, panel.x_log), _axis(models, panel.y_label, panel.y_log)
+    x_axis = _axis(models, panel.x_label, panel.x_log, view[0])
+    y_axis = _axis(models, panel.y_label, panel.y_log, view[1])
     tools = [
         models.new("PanTool"),
         models.new("BoxZoomTool", overlay=_zoom_box(models)),
@@ -180,17 +182,15 @@ def _zoom_box(models: _Models) -> Json:
     )
 
 
-def _axis(models: _Models, label: str, log: bool) -> Json:
-    ticker = (
-        models.new("LogTicker")
-        if log
-        else models.new("BasicTicker", mantissas=[1, 2, 5], desired_num_ticks=6)
-    )
-    formatter = (
-        models.new("LogTickFormatter")
-        if log
-        else models.new("BasicTickFormatter", power_limit_low=-4, power_limit_high=7)
-    )
+def _axis(models: _Models, label: str, log: bool, view: Range) -> Json:
+    plain = view[1] - view[0] <= 1e-2 * max(abs(view[0]), abs(view[1]))
+    if log:
+        ticker, formatter = _log_ticker(models, view), models.new("LogTickFormatter")
+    else:
+        ticker = models.new("BasicTicker", mantissas=[1, 2, 5], desired_num_ticks=6)
+        formatter = models.new(
+            "BasicTickFormatter", power_limit_low=-4, power_limit_high=7, use_scientific=not plain
+        )
     return models.new(
         "LogAxis" if log else "LinearAxis",
         ticker=ticker,
@@ -210,6 +210,17 @@ def _axis(models: _Models, label: str, log: bool) -> Json:
         major_tick_in=0,
         major_tick_out=4,
         minor_tick_line_color=None,
+    )
+
+
+def _log_ticker(models: _Models, view: Range) -> Json:
+    """Decades; where there are few of them, some between them too (bokeh's own would space them linearly)."""
+    first, last = math.floor(math.log10(view[0])), math.ceil(math.log10(view[1]))
+    if last - first > 3:
+        return models.new("LogTicker")
+    return models.new(
+        "FixedTicker",
+        ticks=[factor * 10.0**power for power in range(first, last + 1) for factor in (1, 2, 3, 5, 7)],
     )
 
 

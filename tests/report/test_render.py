@@ -136,6 +136,33 @@ def test_every_kind_of_block_is_placed_in_both() -> None:
     assert b"pdfuaid:part" in rendered.pdf or b"pdfaid" in rendered.pdf
 
 
+def test_empty_blocks_render() -> None:
+    """A table without rows or columns and a figure without panels or marks are still placed."""
+    rendered = render(
+        _document(
+            Table("", ("a", "b"), ()),
+            Table("no columns", (), ()),
+            Figure("", "", ()),
+            Figure("", "", ((None,),)),
+            Figure("", "", ((Panel(),),)),
+            Paragraph(""),
+            Notice(""),
+        )
+    )
+    assert rendered.pdf.startswith(b"%PDF")
+    assert "<figure" in rendered.html
+
+
+def test_blocks_refuse_what_cannot_be_placed() -> None:
+    """Series or rows of unequal length are an error where they are made, in words."""
+    with pytest.raises(ValueError, match="differ in length"):
+        Mark("line", (1.0, 2.0), (1.0,))
+    with pytest.raises(ValueError, match="row 0 has 1 cells, not 2"):
+        Table("t", ("a", "b"), (("x",),))
+    with pytest.raises(ValueError, match="language"):
+        Document("t", DATE, language='en" onload=')
+
+
 def test_an_empty_document_renders() -> None:
     """No section, no meta, no banner: still a page and a PDF."""
     rendered = render(Document("", DATE))
