@@ -165,7 +165,7 @@ def _draw_panel(
     left, top, right, bottom = cell
     plot_top, plot_bottom = top + _ABOVE, bottom - _BELOW
     y_ticks = _y_ticks(panel, view[1], bottom - top)
-    plot_left = left + widest + (13.0 if panel.y_label else 4.0)
+    plot_left = left + widest + (14.0 if panel.y_label else 4.0)
     plot_right = right - 2.0
     axes = _Axes(panel, view, (plot_left, plot_top, plot_right, plot_bottom))
     x_ticks = _fitting_ticks(canvas, view[0], plot_right - plot_left, panel.x_log)
@@ -202,7 +202,7 @@ def _draw_panel(
         canvas.text(middle, plot_bottom + 17.5, text, _LABEL, "middle")
     if panel.y_label:
         text = canvas.fitted(_with_power(panel.y_label, y_ticks[2]), _LABEL, height + 8)
-        canvas.text(plot_left - widest - 6.0, (plot_top + plot_bottom) / 2, text, _LABEL, "middle", up=True)
+        canvas.text(plot_left - widest - 7.4, (plot_top + plot_bottom) / 2, text, _LABEL, "middle", up=True)
 
 
 def _y_ticks(panel: Panel, view: Range, height: float) -> tuple[list[float], list[str], str]:
