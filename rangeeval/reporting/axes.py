@@ -82,17 +82,26 @@ def ticks(view: Range, most: int, log: bool = False) -> tuple[list[float], list[
         values, labels = _log_ticks(low, high, most)
         if len(values) >= 2:
             return values, labels, ""
-    step = _round_step((high - low) / most)
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    for factor in (1.0, 0.5, 0.25):  # where one round number or none falls inside, take a finer step
+        step = _round_step((high - low) / most * factor)
+        first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+        if last - first >= min(2, most - 1):
+            break
     largest = max(abs(low), abs(high))
     power = 3 * math.floor(math.log10(largest) / 3) if largest > 0 else 0
-    power = power if power >= 6 or power <= -6 or (power == -3 and largest < 2e-3) else 0
+    power = power if wants_power(view) else 0
     unit = 10.0**power
     decimals = max(0, min(12, -math.floor(math.log10(step / unit) + 1e-9)))
     values = [number * step for number in range(first, min(last, first + 50) + 1)]
     labels = [f"{value / unit + 0.0:.{decimals}f}" for value in values]
     labels = [label.lstrip("-") if float(label) == 0 else label for label in labels]
     return values, [label.replace("-", "−") for label in labels], power_of_ten(power) if power else ""
+
+
+def wants_power(view: Range) -> bool:
+    """Whether labels read better with a power of ten: large or small, and not a short way far from zero."""
+    largest = max(abs(view[0]), abs(view[1]))
+    return (largest >= 1e6 or largest < 2e-3) and view[1] - view[0] > 1e-2 * largest
 
 
 def power_of_ten(power: int) -> str:

@@ -22,6 +22,13 @@ MarkKind = Literal["points", "line", "step", "bars", "stems", "band", "errorbars
 FigureSize = Literal["compact", "normal", "tall"]
 
 
+_USED: dict[str, tuple[str, ...]] = {  # the series of a mark that go together
+    **dict.fromkeys(("points", "line", "step", "bars", "stems"), ("x", "y")),
+    "band": ("x", "low", "high"),
+    "errorbars": ("x", "y", "low", "high"),
+}
+
+
 @dataclass(frozen=True)
 class Paragraph:
     """One paragraph of running text."""
@@ -62,7 +69,9 @@ class Table:
             if len(row) != columns:
                 raise ValueError(f"table '{self.caption}': row {number} has {len(row)} cells, not {columns}")
         if self.align and (len(self.align) != columns or set(self.align) - set("lcr")):
-            raise ValueError(f"table '{self.caption}': align '{self.align}' is not {columns} letters of l, c, r")
+            raise ValueError(
+                f"table '{self.caption}': align '{self.align}' is not {columns} letters of l, c, r"
+            )
 
     @property
     def alignment(self) -> str:
@@ -98,6 +107,13 @@ class Mark:
     high: Numbers = ()
     label: str = ""
     role: str = "measured"
+
+    def __post_init__(self) -> None:
+        used = [len(getattr(self, name)) for name in _USED.get(self.kind, ())]
+        if self.kind == "bars":
+            used[0] -= bool(used[0])
+        if len(set(used)) > 1:
+            raise ValueError(f"mark '{self.label}' of kind {self.kind}: its series differ in length, {used}")
 
 
 @dataclass(frozen=True)
@@ -155,6 +171,12 @@ class Document:
     meta: Sequence[tuple[str, str]] = ()
     sections: Sequence[Section] = ()
     language: str = "en"
+
+    def __post_init__(self) -> None:
+        if not (self.language.isascii() and self.language.isalpha() and 2 <= len(self.language) <= 3):
+            raise ValueError(
+                f"language '{self.language}' is not a code of two or three letters, such as 'en'"
+            )
 
 
 def outline(document: Document) -> list[tuple[Section, int, str]]:

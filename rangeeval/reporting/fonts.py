@@ -9,7 +9,7 @@ import functools
 import importlib.util
 from pathlib import Path
 
-_DEJAVU = ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf", "DejaVuSans-Oblique.ttf", "DejaVuSansMono.ttf")
+_DEJAVU = ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf")
 _NANUM = ("NanumGothic.ttf", "NanumGothicBold.ttf")
 
 
@@ -40,18 +40,27 @@ def _glyphs_of(path: Path) -> dict[int, float]:
         return {code: advance[name][0] / em for code, name in font.getBestCmap().items()}
 
 
+@functools.cache
+def _widths(family: tuple[Path, ...]) -> dict[int, float]:
+    """Advance widths of the first file of a family, where every file of it has the glyph."""
+    regular, *others = (_glyphs_of(path) for path in family)
+    return {code: width for code, width in regular.items() if all(code in other for other in others)}
+
+
 class Glyphs:
-    """What the regular typefaces can print, and how wide; later files are opened only when earlier ones lack a glyph."""
+    """What a page can print, and how wide; a family of files is opened when those before it lack a glyph."""
 
     def __init__(self, files: list[Path] | None = None) -> None:
         every = font_files() if files is None else files
-        self._files = [path for path in every if path.name in ("DejaVuSans.ttf", "NanumGothic.ttf")]
+        families = (tuple(path for path in every if path.name in names) for names in (_DEJAVU, _NANUM))
+        self._families = [family for family in families if family]
         self.missing: set[int] = set()
 
     def __contains__(self, code: object) -> bool:
-        if any(code in _glyphs_of(path) for path in self._files):
+        if any(code in _widths(family) for family in self._families):
             return True
-        self.missing.add(code)  # type: ignore[arg-type]
+        if isinstance(code, int):
+            self.missing.add(code)
         return False
 
     def width(self, text: str) -> float:
@@ -59,7 +68,7 @@ class Glyphs:
         return sum(self._advance(ord(character)) for character in text)
 
     def _advance(self, code: int) -> float:
-        for path in self._files:
-            if code in (known := _glyphs_of(path)):
-                return known[code]
+        for family in self._families:
+            if (width := _widths(family).get(code)) is not None:
+                return width
         return 0.6

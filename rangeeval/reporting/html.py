@@ -1,7 +1,7 @@
-"""A document as one HTML file: no network, no script but the two it carries, a still picture under every plot.
+"""A document as one HTML file: no network, two scripts of its own, a still picture under every plot.
 
-The page's Content-Security-Policy allows scripts by their SHA-256 alone, so nothing a log holds can ever run. Styles are
-allowed inline, because bokeh writes its own while drawing; no data goes into any of them.
+The page's Content-Security-Policy allows scripts by their SHA-256 alone, so nothing a log holds can ever
+run. Styles are allowed inline, because bokeh writes its own while drawing; no data goes into any of them.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def write_html(drawn: Drawn) -> str:
         lstrip_blocks=True,
     )
     scripts = [_bokeh_script(), (folder / "boot.js").read_text(encoding="utf-8")]
-    placed = _place(drawn)
+    placed = _Placed(drawn)
     return environment.get_template("report.html.j2").render(
         document=document,
         sections=placed.sections,
@@ -57,11 +57,12 @@ def _shown(value: Any) -> Any:
     return neutral(value) if type(value) is str else value
 
 
-class _place:
+class _Placed:
     """The sections of a document with their addresses, and the plot of each figure."""
 
     def __init__(self, drawn: Drawn) -> None:
         version = importlib.metadata.version("bokeh")
+        self._tables = 0
         self.plots: dict[str, Any] = {}
         self.sections: list[dict[str, Any]] = []
         for section, level, key in outline(drawn.document):
@@ -71,11 +72,13 @@ class _place:
     def _block(self, block: Block, version: str) -> dict[str, Any]:
         kind = type(block).__name__.lower()
         if isinstance(block, Figure):
-            number = len(self.plots)
-            name = f"f{number + 1}"
+            number = len(self.plots) + 1
+            name = f"f{number}"
             self.plots[name] = plot_document(block, name, version)
             cells = [
-                panel is not None for row in block.panels for panel in [*row, *[None] * (block.columns - len(row))]
+                panel is not None
+                for row in block.panels
+                for panel in [*row, *[None] * (block.columns - len(row))]
             ]
             return {
                 "kind": kind,
@@ -87,7 +90,8 @@ class _place:
             }
         if kind == "table":
             rows = [[cell if isinstance(cell, Cell) else Cell(cell) for cell in row] for row in block.rows]  # type: ignore[union-attr]
-            return {"kind": kind, "block": block, "rows": rows}
+            self._tables += 1
+            return {"kind": kind, "block": block, "rows": rows, "number": self._tables}
         return {"kind": kind, "block": block}
 
 

