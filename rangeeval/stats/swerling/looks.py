@@ -1,0 +1,133 @@
+"""The nouns: looks at a target, windows of looks, and the Swerling cases."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rangeeval.stats.swerling.terms import DETECTION, MISS
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A fluctuation model: the summed RCS of n pulses is gamma with this shape (times n when each pulse has its own)."""
+
+    name: str
+    shape: float
+    per_pulse: bool = False
+
+    def shapes(self, pulses: NDArray[np.int64]) -> Floats:
+        """The shape K for each look of so many pulses."""
+        return self.shape * (pulses if self.per_pulse else np.ones(len(pulses)))
+
+
+CASES: dict[str, Case] = {
+    "0": Case("0", math.inf),
+    "1": Case("1", 1.0),
+    "2": Case("2", 1.0, per_pulse=True),
+    "3": Case("3", 2.0),
+    "4": Case("4", 2.0, per_pulse=True),
+}
+
+
+@dataclass(frozen=True)
+class Looks:
+    """Looks at one target, all arrays of equal length.
+
+    `kind`: MISS, DETECTION, HIT (no amplitude) or SATURATED; `z`: power over mean noise power of a pulse, summed over
+    the `pulses`, signal plus noise (0 where there is none); `threshold` in the same unit; `alpha`: mean SNR per pulse
+    of 1 m^2. `cells`: the amplitude is the strongest of that many cells (1: the target's own).
+    """
+
+    kind: NDArray[np.int8]
+    z: Floats
+    threshold: Floats
+    alpha: Floats
+    pulses: NDArray[np.int64]
+    cells: float = 1.0
+
+    @classmethod
+    def of(
+        cls,
+        z: ArrayLike,
+        alpha: ArrayLike,
+        threshold: ArrayLike,
+        *,
+        kind: ArrayLike | None = None,
+        pulses: ArrayLike = 1,
+        cells: float = 1.0,
+    ) -> Looks:
+        """Looks from plain sequences; a NaN in `z` is a miss unless `kind` says otherwise.
+
+        Raises ValueError that names the first look (from 0) which cannot be: an amplitude below its threshold or
+        missing on a detection, a threshold or alpha that is not above zero.
+        """
+        amplitude = np.atleast_1d(np.asarray(z, dtype=np.float64))
+        size = len(amplitude)
+        missing = np.isnan(amplitude)
+        kinds = np.where(missing, MISS, DETECTION) if kind is None else np.asarray(kind)
+        looks = cls(
+            np.ascontiguousarray(np.broadcast_to(kinds, size), dtype=np.int8),
+            np.where(missing, 0.0, amplitude),
+            np.ascontiguousarray(np.broadcast_to(threshold, size), dtype=np.float64),
+            np.ascontiguousarray(np.broadcast_to(alpha, size), dtype=np.float64),
+            np.ascontiguousarray(np.broadcast_to(pulses, size), dtype=np.int64),
+            float(cells),
+        )
+        detected = looks.kind == DETECTION
+        for wrong, reason in (
+            (detected & missing, "a detection has no amplitude"),
+            (detected & ~missing & ~(looks.z >= looks.threshold), "the amplitude of a detection is below its threshold"),
+            (~(looks.threshold > 0), "the threshold is not above zero"),
+            (~(looks.alpha > 0), "alpha is not above zero"),
+        ):
+            if wrong.any():
+                raise ValueError(f"look {int(np.argmax(wrong))}: {reason}")
+        return looks
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+    def take(self, rows: NDArray[np.int64] | NDArray[np.bool_] | slice) -> Looks:
+        """The looks chosen by an index, a mask or a slice."""
+        columns = (np.ascontiguousarray(getattr(self, n)[rows]) for n in ("kind", "z", "threshold", "alpha", "pulses"))
+        return Looks(*columns, cells=self.cells)
+
+    def seen_as(self, z: Floats) -> Looks:
+        """The same looks with other amplitudes: what is below the threshold is missed."""
+        detected = z >= self.threshold
+        kind = np.where(detected, np.where(self.kind == MISS, DETECTION, self.kind), MISS).astype(np.int8)
+        return replace(self, kind=kind, z=np.where(detected, z, 0.0))
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Windows over looks: look `first[i]` up to but not including `last[i]`."""
+
+    first: NDArray[np.int64]
+    last: NDArray[np.int64]
+
+    @classmethod
+    def whole(cls, looks: Looks) -> Windows:
+        """All looks in one window."""
+        return cls(np.zeros(1, np.int64), np.array([len(looks)], np.int64))
+
+    @classmethod
+    def groups(cls, counts: ArrayLike) -> Windows:
+        """Windows side by side of so many looks."""
+        ends = np.cumsum(np.asarray(counts, dtype=np.int64))
+        return cls(np.concatenate([[0], ends[:-1]]).astype(np.int64), ends)
+
+    @classmethod
+    def sliding(cls, size: int, length: int) -> Windows:
+        """The windows of `length` looks that end at each look; none before the first is full."""
+        last = np.arange(length, size + 1, dtype=np.int64)
+        return cls(last - length, last)
+
+    def __len__(self) -> int:
+        return len(self.first)
