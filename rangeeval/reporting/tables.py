@@ -10,7 +10,6 @@ from typing import Any
 from rangeeval.model import Estimate, Result
 from rangeeval.reporting.blocks import Cell, Table
 from rangeeval.reporting.wording import (
-    NBSP,
     bin_text,
     estimate_text,
     flags_text,
@@ -63,27 +62,29 @@ def headline_quantities(result: Result) -> tuple[str, ...]:
     return chosen or tuple(present)[:4]
 
 
-def headline_table(result: Result, *, caption: str, rows: Sequence[Estimate] | None = None) -> Table:
+def headline_table(
+    result: Result, *, caption: str, rows: Sequence[Estimate] | None = None, flags: bool = True
+) -> Table:
     """The short table of a result: bins down, quantities across, each with its interval, flags last."""
     quantities = headline_quantities(result)
-    chosen = _without_lone_groups(lines(rows if rows is not None else result.rows, quantities))
+    chosen = without_lone_groups(lines(rows if rows is not None else result.rows, quantities))
     named = any(line.first.group or line.first.track_id for line in chosen)
     units = {r.quantity: unit_name(r.unit) for r in result.rows}
     head = ["Bin", *(["Group"] if named else []), "n"]
-    head += [f"{quantity_name(q)}{f' ({units[q]})' if units[q] else ''}" for q in quantities] + ["Flags"]
+    head += [f"{quantity_name(q)}{f' ({units[q]})' if units[q] else ''}" for q in quantities] + ["Flags"] * flags
     body: list[list[str | Cell]] = []
     for line in chosen:
         cells: list[str | Cell] = [bin_text(line.first)]
         if named:
             cells.append(line.first.track_id or line.first.group or "all")
-        cells.append(_counts(line))
+        cells.append(counts(line))
         cells += [estimate_text(line.of[q]) if q in line.of else "" for q in quantities]
-        cells.append(flags_text(line.flags))
+        cells += [flags_text(line.flags)] * flags
         body.append(cells)
-    return Table(caption, head, body, "l" * (2 if named else 1) + "r" * (1 + len(quantities)) + "l")
+    return Table(caption, head, body, "l" * (2 if named else 1) + "r" * (1 + len(quantities)) + "l" * flags)
 
 
-def _without_lone_groups(chosen: Sequence[Line]) -> list[Line]:
+def without_lone_groups(chosen: Sequence[Line]) -> list[Line]:
     """The lines without a group that is all its bin holds: it would repeat the line of all together."""
     groups: dict[tuple[float, float], int] = {}
     for line in chosen:
@@ -93,10 +94,10 @@ def _without_lone_groups(chosen: Sequence[Line]) -> list[Line]:
     return [x for x in chosen if not x.first.group or groups[(x.first.bin_low, x.first.bin_high)] > 1]
 
 
-def _counts(line: Line) -> str:
+def counts(line: Line) -> str:
     """The number of samples; one for each quantity where they differ."""
-    counts = [e.n for e in line.of.values()]
-    return str(counts[0]) if len(set(counts)) == 1 else " / ".join(map(str, counts))
+    each = [e.n for e in line.of.values()]
+    return str(each[0]) if len(set(each)) == 1 else " / ".join(map(str, each))
 
 
 def verdict_table(result: Result, *, caption: str) -> Table:
@@ -112,14 +113,14 @@ def verdict_table(result: Result, *, caption: str) -> Table:
         )
         body.append(
             [
-                f"{number}. {requirements[number - 1]['name'] or quantity_name(row.quantity)}",
+                requirements[number - 1]["name"] or quantity_name(row.quantity),
                 bin_text(row),
                 str(row.n),
-                f"{estimate_text(row)}{NBSP}{unit.unit}",
+                f"{estimate_text(row)} {unit.unit}",
                 bound,
                 limit,
-                Cell(extra["verdict"], verdict=extra["verdict"]),
-                Cell(extra["family_verdict"], verdict=extra["family_verdict"]),
+                Cell(verdict=extra["verdict"]),
+                Cell(verdict=extra["family_verdict"]),
                 _more(extra),
             ]
         )

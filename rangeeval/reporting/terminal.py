@@ -57,7 +57,7 @@ def text_of(table: Table, stream: IO[str] | None = None) -> str:
     colour = {"pass": "green", "fail": "red", "inconclusive": "yellow"}
     for row in table.rows:
         cells = [c if isinstance(c, Cell) else Cell(c) for c in row]
-        rich.add_row(*(Text(_plain(c.text), style=colour.get(c.verdict, "")) for c in cells))
+        rich.add_row(*(Text(_plain(c.text or c.verdict), style=colour.get(c.verdict, "")) for c in cells))
     console.print(rich)
     text: str = console.file.getvalue()  # type: ignore[attr-defined]
     return "\n".join(line.rstrip() for line in text.splitlines()) + "\n"

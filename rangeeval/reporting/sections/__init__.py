@@ -25,11 +25,15 @@ _EPOCH = datetime.datetime(1980, 1, 1, tzinfo=datetime.UTC)  # stamps files of a
 def compose(results: Sequence[Result]) -> Document:
     """The report on a trial: summary with verdicts, a chapter an analysis, what was read, how it was made."""
     about = results[0].provenance.get("trial", {})
-    chapters = [section for result in results for section in _chapter(result)]
-    meta = [
-        (word, about.get(key, ""))
-        for word, key in (("Radar", "radar"), ("Date of trial", "date"), ("Software under test", "software"))
-    ]
+    verdicts_first = sorted(results, key=lambda r: r.analysis != "check")
+    chapters = [section for result in verdicts_first for section in _chapter(result)]
+    words = (
+        ("Radar", "radar"),
+        ("Date of trial", "date"),
+        ("Software under test", "software"),
+        ("Notes", "description"),
+    )
+    meta = [(word, about.get(key, "")) for word, key in words]
     return Document(
         title=about.get("name") or "Trial",
         date=_date(about.get("date", "")),

@@ -9,7 +9,7 @@ from typing import Any
 from rangeeval.model import Estimate, Result
 from rangeeval.reporting.blocks import Block, Cell, Figure, Mark, Notice, Panel, Paragraph, Section, Table
 from rangeeval.reporting.sections.common import flag_notices
-from rangeeval.reporting.tables import Line, headline_table, lines, pooled
+from rangeeval.reporting.tables import Line, counts, headline_table, lines, pooled, without_lone_groups
 from rangeeval.reporting.wording import (
     FLAGS,
     MISSING,
@@ -62,7 +62,7 @@ def _overview(result: Result) -> list[Block]:
     variable = str(result.settings["variable"])
     everything = pooled(result)
     blocks: list[Block] = []
-    groups = headline_table(result, caption="Every bin, all together and by group")
+    groups = headline_table(result, caption="Every bin, all together and by group", flags=False)
     if "Group" in groups.head:
         blocks.append(groups)
     blocks.append(
@@ -186,8 +186,9 @@ def _bracket_table(rows: Sequence[Estimate]) -> Table:
     for line in lines(rows, [q + end for q in present for end in ends]):
         cells: list[str | Cell] = [bin_text(line.first)]
         for quantity in present:
-            value, white, low, high = (_value(line, quantity + end) for end in ends)
-            cells += [value, white, span_text(low, high)]
+            value, white = (_value(line, quantity + end) for end in ends[:2])
+            bracket = [_rough(line, quantity + end) for end in ends[2:]]
+            cells += [value, white, span_text(*bracket)]
         body.append(cells)
     return Table(
         "What the motion model makes of it: noise only, optimal gains, and the bracket that needs no model", head, body
@@ -196,6 +197,14 @@ def _bracket_table(rows: Sequence[Estimate]) -> Table:
 
 def _value(line: Line, quantity: str) -> str:
     return value_text(line.of[quantity]) if quantity in line.of else MISSING
+
+
+def _rough(line: Line, quantity: str) -> str:
+    """Two digits: enough for the ends of a bracket."""
+    if quantity not in line.of:
+        return MISSING
+    estimate = line.of[quantity]
+    return plain_number(shown(estimate.unit).value(estimate.value), 2)
 
 
 def _method(result: Result) -> list[Block]:
@@ -268,13 +277,13 @@ def _bin_page(result: Result, edges: tuple[float, float], number: int | None) ->
     title = f"{_variable_name(variable)} {edges_text(variable, *edges)}"
     of = {r.quantity: r for r in pooled(result) if (r.bin_low, r.bin_high) == edges}
     present = [axis for axis in AXES if f"{axis}_sigma" in of]
-    blocks: list[Block] = [_bin_headline(of, present)]
+    here = [r for r in result.rows if (r.bin_low, r.bin_high) == edges]
+    blocks: list[Block] = [_bin_headline(here)]
     blocks += _flag_words(of, present)
     grid = [row for axis in present if (row := _bin_panels(result.series, axis, number, of))]
     if grid:
         blocks.append(Figure(
-            "Samples over time; histogram with the normal curve of the same mean and sigma; quantiles against normal "
-            "quantiles; autocorrelation with the 95 % limits of white noise.",
+            "Samples over time; histogram with the normal curve; Q-Q; autocorrelation with white noise's 95 % limits.",
             _bin_alt(title, of, present),
             grid, "compact",
         ))  # fmt: skip
@@ -295,9 +304,6 @@ def _bin_page(result: Result, edges: tuple[float, float], number: int | None) ->
     for axis in present:
         head += [_NAMES[axis], "Interval"]
     blocks.append(Table("Numbers", head, body))
-    groups = [r for r in result.rows if (r.bin_low, r.bin_high) == edges and (r.group or r.track_id)]
-    if len({(r.group, r.track_id) for r in groups}) > 1:
-        blocks.append(headline_table(result, caption="Groups", rows=groups))
     return Section(title, blocks, own_page=True, level=2, key=f"bin-{number if number is not None else edges[0]:g}")
 
 
@@ -306,19 +312,21 @@ def _bin_alt(title: str, of: Mapping[str, Estimate], present: Sequence[str]) -> 
     return f"{title}: " + ", ".join(parts) + "."
 
 
-def _bin_headline(of: Mapping[str, Estimate], present: Sequence[str]) -> Table:
-    head, cells = ["Samples", "Effective"], []
-    first = of[f"{present[0]}_sigma"]
-    cells += [str(first.n), plain_number(first.n_eff, 4)]
-    for axis in present:
-        r = of.get(AXES[axis])
-        if r is not None:
-            head.append(f"{quantity_name(r.quantity)} ({shown(r.unit).unit})")
-            cells.append(estimate_text(r))
-    if "snr" in of:
-        head.append("SNR (dB)")
-        cells.append(estimate_text(of["snr"]))
-    return Table("", head, [[Cell(c, strong=True) for c in cells]], "r" * len(head))
+def _bin_headline(rows: Sequence[Estimate]) -> Table:
+    """The bin in a line, and a line for each group when there is more than one."""
+    quantities = [q for q in (*AXES.values(), "snr") if any(r.quantity == q for r in rows)]
+    chosen = without_lone_groups(lines(rows, quantities))
+    head = ["Samples of", "n", "Effective"]
+    for q in quantities:
+        unit = next(shown(r.unit).unit for r in rows if r.quantity == q)
+        head.append(f"{quantity_name(q)} ({unit})")
+    body: list[list[str | Cell]] = []
+    for line in chosen:
+        strong = not (line.first.group or line.first.track_id)
+        cells = [line.first.group or line.first.track_id or "all", counts(line), plain_number(line.first.n_eff, 4)]
+        cells += [estimate_text(line.of[q]) if q in line.of else MISSING for q in quantities]
+        body.append([Cell(c, strong=strong) for c in cells])
+    return Table("The bin in short", head, body, "l" + "r" * (len(head) - 1))
 
 
 def _flag_words(of: Mapping[str, Estimate], present: Sequence[str]) -> list[Block]:

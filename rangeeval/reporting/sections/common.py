@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from rangeeval.model import Problem, Result, gather
 from rangeeval.reporting.blocks import Block, Cell, Figure, Notice, Paragraph, Section, Table
 from rangeeval.reporting.tables import headline_table, pooled, verdict_table
-from rangeeval.reporting.wording import FLAGS, plain_number
+from rangeeval.reporting.wording import FLAGS
 
 _CANNOT_SEE = (
     "These numbers come from the tracker's own residuals and gains, without truth. They show the random error. A "
@@ -86,7 +86,7 @@ def inputs_section(results: Sequence[Result]) -> Section:
     ]
     counts = results[0].settings.get("counts") or {}
     if counts:
-        words = [[name.replace("_", " "), plain_number(float(value), 9)] for name, value in counts.items()]
+        words = [[name.replace("_", " "), f"{int(value):,}"] for name, value in counts.items()]
         blocks.append(Table("Rows counted", ["What", "Rows"], words, "lr"))
     problems = _problems(results)
     if problems:
