@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rangeeval import __version__
-from rangeeval.errors import InputError, RangeevalError, SettingsError, one_line
+from rangeeval.errors import RangeevalError, SettingsError, one_line
 
 if TYPE_CHECKING:
     from rangeeval.model import Bins, Result, Trial
@@ -67,7 +67,9 @@ def estimator_option(command: Command) -> Command:
 
 @cli.command()
 @paths
-@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder to write.")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder to write."
+)
 @click.option("--confidence", type=float, default=0.95, show_default=True, help="Of the two-sided intervals.")
 def report(trial: tuple[Path, ...], output: Path, confidence: float) -> None:
     """Read, analyse all that the logs allow, and write report.html, report.pdf and results.json.
@@ -147,21 +149,25 @@ def inspect(trial: tuple[Path, ...], form: str) -> None:
 
     from rangeeval.parsers.inspection import inspect_trial
 
-    found = inspect_trial(list(trial))
+    found = [item.as_dict() for item in inspect_trial(list(trial) if len(trial) > 1 else trial[0])]
     if form == "json":
-        click.echo(json.dumps([item.as_dict() for item in found], allow_nan=False, ensure_ascii=False, indent=1))
+        click.echo(json.dumps(found, allow_nan=False, ensure_ascii=False, indent=1))
         return
-    from rangeeval.report.terminal import print_inspection
+    from rangeeval.reporting.terminal import inspection_text
 
-    print_inspection(found)
+    click.echo(inspection_text(found, sys.stdout), nl=False)
 
 
 @cli.command()
 @click.argument("scenario", type=click.Choice(["alpha-beta"]))
-@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder to write.")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder to write."
+)
 @click.option("--seed", type=int, default=1, show_default=True)
 @click.option("--flights", type=click.IntRange(1), default=4, show_default=True)
-@click.option("--manoeuvre", type=float, default=0.0, show_default=True, metavar="M_S2", help="Target acceleration sigma.")
+@click.option(
+    "--manoeuvre", type=float, default=0.0, show_default=True, metavar="M_S2", help="Target acceleration sigma."
+)
 @click.option("--outbound", is_flag=True, help="Each flight also flies back out.")
 @click.option("--no-truth", is_flag=True, help="Leave out the truth log.")
 def simulate(scenario: str, output: Path, seed: int, **options: Any) -> None:
@@ -210,7 +216,7 @@ def show(trial: Trial, result: Result, form: str | None, output: Path | None) ->
     elif form == "csv":
         text = result.estimates.to_csv(index=False, lineterminator="\n")
     else:
-        from rangeeval.report.terminal import as_text
+        from rangeeval.reporting.terminal import as_text
 
         text = as_text(result, None if output else sys.stdout)
     if output is None:

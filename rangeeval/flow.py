@@ -113,8 +113,8 @@ def provenance(trial: Trial) -> dict[str, Any]:
 
 def write_report(results: Sequence[Result], directory: str | os.PathLike[str]) -> list[Path]:
     """Write `report.html`, `report.pdf` and `results.json` for results, fresh or read back. Returns their paths."""
-    from rangeeval.report import render
-    from rangeeval.report.sections import compose
+    from rangeeval.reporting import render
+    from rangeeval.reporting.sections import compose
 
     folder = Path(directory)
     folder.mkdir(parents=True, exist_ok=True)

@@ -93,9 +93,7 @@ def _judged(number: int, requirement: Requirement, result: Result) -> Iterator[E
             f"trial.toml: requirements[{number - 1}].quantity '{requirement.quantity}' cannot be judged; "
             f"{did_you_mean(requirement.quantity, known)}"
         )
-    beside = {
-        (r.bin_low, r.bin_high): r for r in pooled if r.quantity == _OTHER_RATIO.get(requirement.quantity, "")
-    }
+    beside = {(r.bin_low, r.bin_high): r for r in pooled if r.quantity == _OTHER_RATIO.get(requirement.quantity, "")}
     counted = sum(1 for r in judged if r.n)
     family = family_wise_confidence(requirement.confidence, max(counted, 1))
     for row in judged:
@@ -118,7 +116,5 @@ def _more_samples(rows: Sequence[Estimate], requirement: Requirement) -> int | N
     """How many more samples would decide; None when no number would (no estimate, or the two ratios disagree)."""
     if len({r.value > requirement.limit for r in rows}) > 1:
         return None
-    wanted = [
-        further_samples(r.value, r.extra["nu"], r.n, requirement.limit, requirement.confidence) for r in rows
-    ]
+    wanted = [further_samples(r.value, r.extra["nu"], r.n, requirement.limit, requirement.confidence) for r in rows]
     return math.ceil(max(wanted)) if all(math.isfinite(w) for w in wanted) else None

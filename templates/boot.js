@@ -14,10 +14,7 @@
       const step = steps.getUint16(2 * i, true);
       values[i] = step === 65535 ? NaN : column.low + step * unit;
     }
-    const bytes = new Uint8Array(values.buffer);
-    let text = "";
-    for (let i = 0; i < bytes.length; i += 32768) text += String.fromCharCode(...bytes.subarray(i, i + 32768));
-    return { type: "ndarray", array: { type: "bytes", data: btoa(text) }, shape: [values.length], dtype: "float64", order: "little" };
+    return { type: "ndarray", array: { type: "bytes", data: values }, shape: [values.length], dtype: "float64", order: "little" };
   };
   const unpack = (plot) => {
     for (const root of plot.doc.roots)
@@ -63,7 +60,7 @@
     try {
       const managers = await Bokeh.embed.embed_items({ [name]: plot.doc }, [{ docid: name, roots, root_ids: plot.roots }]);
       delete plots[name];
-      const views = managers.flatMap((manager) => Array.from(manager.roots ?? manager));
+      const views = managers.flatMap((manager) => Array.from(manager)).filter((view) => plot.roots.includes(view.model.id));
       steer(figure, views.map((view) => view.model), views);
       figure.dataset.drawn = Math.round(performance.now());
       const root = document.documentElement;
@@ -75,13 +72,18 @@
     }
   };
 
-  // One at a time, so that what is on the screen is drawn before what is below it.
+  // One at a time, and only what is still near the screen when its turn comes: a reader who jumps waits for nothing.
   let queue = Promise.resolve();
+  const near = (figure) => {
+    const box = figure.getBoundingClientRect();
+    return box.bottom > -300 && box.top < innerHeight + 300;
+  };
+  const turn = (figure) => (near(figure) ? embed(figure) : watch.observe(figure));
   const watch = new IntersectionObserver((entries) => {
     for (const entry of entries)
       if (entry.isIntersecting) {
         watch.unobserve(entry.target);
-        queue = queue.then(() => embed(entry.target));
+        queue = queue.then(() => turn(entry.target));
       }
   }, { rootMargin: "250px" });
   Bokeh.set_log_level("error");

@@ -132,7 +132,7 @@ class Result:
     def plot(self, quantity: str | None = None) -> Any:
         """Draw one quantity (by default the first) against its bins with its intervals: a matplotlib Figure."""
         # The one upward import: drawing is the report's work, and users ask a result for its picture.
-        from rangeeval.report.quick import plot_result
+        from rangeeval.reporting.quick import plot_result
 
         return plot_result(self, quantity)
 

@@ -122,7 +122,7 @@ def constant_snr_edges(low_m: float, high_m: float, span_db: float) -> FloatArra
             f"bins from {low_m} m to {high_m} m of {span_db} dB; give 0 < low < high and a span above 0 dB"
         )
     count = int(np.ceil(40 * np.log10(high_m / low_m) / span_db - 1e-9))
-    edges: FloatArray = float(low_m) * 10 ** (span_db / 40 * np.arange(count + 1))
+    edges: FloatArray = low_m * np.power(10.0, span_db / 40 * np.arange(count + 1, dtype=np.float64))
     return edges
 
 

@@ -41,11 +41,12 @@ RESTART, DROP, SKIP = 1, 2, 4
 (SUM_ALPHA, MIN_ALPHA, MAX_ALPHA, SUM_BETA, SUM_R, SUM_C) = range(18, 24)
 (N_SNR, SUM_SNR, MIN_SNR, MAX_SNR, SUM_NOISE, SUM_FLOOR) = range(24, 30)
 (MIN_X, MIN_T, MAX_X, MAX_T, N_STARTUP, N_STRETCH, LONGEST, N_BEYOND) = range(30, 38)
-_COLUMNS = 38
+(FULL_SUM, FULL_COUNT) = range(38, 40)
+_COLUMNS = 40
 
 # Columns of a track's state on one axis.
-(_SINCE, _STEADY, _ALPHA, _CELL, _LENGTH, _POSITION, _RUN) = range(7)
-_STATE = 7
+(_MEMORY, _STEADY, _ALPHA, _CELL, _LENGTH, _POSITION, _RUN, _EMPTY) = range(8)
+_STATE = 8
 
 # Columns of a track's state shared by the axes.
 (_SEEN, _TIME, _RANGE, _RESIDUAL, _INTERVAL, _LEG, _EXTREME) = range(7)
@@ -169,7 +170,7 @@ def _add(  # type: ignore[no-untyped-def]
         t = track[j]
         s = state[t]
         if m & RESTART:
-            s[_SINCE] = 0.0
+            s[_MEMORY] = 0.0
             s[_STEADY] = 0.0
             s[_ALPHA] = 0.0
             s[_CELL] = -1.0
@@ -181,23 +182,22 @@ def _add(  # type: ignore[no-untyped-def]
         if angle:
             usable = usable and abs(cross[j]) < np.inf
         if usable:
-            needed = math.ceil(startup / a)
             if s[_ALPHA] > 0.0 and abs(a - s[_ALPHA]) > STEP * s[_ALPHA]:
                 # A jump between steady gains starts a new transient; gains that jump all the time have none.
-                if s[_STEADY] >= needed:
-                    s[_SINCE] = 0.0
+                if s[_STEADY] >= startup:
+                    s[_MEMORY] = 0.0
                     s[_CELL] = -1.0
                 s[_STEADY] = 0.0
             else:
-                s[_STEADY] += 1.0
+                s[_STEADY] += a
             s[_ALPHA] = a
-            s[_SINCE] += 1.0
-            if s[_SINCE] <= needed:
+            # The first 11 / alpha updates; where gains vary, those whose alphas add up to 11.
+            settling = s[_MEMORY] < startup
+            s[_MEMORY] += a
+            if settling:
                 if c >= 0 and not m & SKIP:
                     sums[c, N_STARTUP] += 1.0
                 continue
-        else:
-            s[_SINCE] += 1.0
         if c < 0:
             s[_CELL] = -1.0
             continue
@@ -212,6 +212,7 @@ def _add(  # type: ignore[no-untyped-def]
                 present[p] = present[p + LAGS] = 0.0
                 s[_POSITION] = p
                 s[_LENGTH] = min(s[_LENGTH] + 1.0, LAGS)
+                s[_EMPTY] = LAGS  # samples until the empty place has left the ring
             continue
         n = o[N]
         if n == 0.0:
@@ -222,18 +223,29 @@ def _add(  # type: ignore[no-untyped-def]
             s[_LENGTH] = 0.0
             s[_POSITION] = 0.0
             s[_RUN] = 0.0
+            s[_EMPTY] = 0.0
             o[N_STRETCH] += 1.0
         # lag products: the last LAGS values lie one after another behind the newest
         p = int(s[_POSITION])
         length = int(s[_LENGTH])
         pr = products[c]
-        for k in range(length):
-            e = own[p + k]
-            w = present[p + k]
-            pr[0, k] += d * e
-            pr[1, k] += d * w
-            pr[2, k] += e
-            pr[3, k] += w
+        if length == LAGS and s[_EMPTY] == 0.0:
+            # The common case, every place taken: what all lags share is counted once and spread out in `Cell`.
+            for k in range(LAGS):
+                e = own[p + k]
+                pr[0, k] += d * e
+                pr[2, k] += e
+            o[FULL_SUM] += d
+            o[FULL_COUNT] += 1.0
+        else:
+            for k in range(length):
+                e = own[p + k]
+                w = present[p + k]
+                pr[0, k] += d * e
+                pr[1, k] += d * w
+                pr[2, k] += e
+                pr[3, k] += w
+            s[_EMPTY] = max(s[_EMPTY] - 1.0, 0.0)
         p = LAGS - 1 if p == 0 else p - 1
         own[p] = own[p + LAGS] = d
         present[p] = present[p + LAGS] = 1.0
@@ -393,7 +405,7 @@ class AxisSums:
 
     def __init__(self, *, angle: bool, startup: float) -> None:
         self.angle = angle
-        self._startup = startup
+        self._startup = startup - 1e-9  # a sum of alphas that should be whole may fall short by rounding
         self._sums = np.zeros((0, _COLUMNS))
         self._products = np.zeros((0, 4, LAGS))
         self._sketch = np.zeros((0, _BUCKETS), np.int64)
@@ -446,9 +458,12 @@ class AxisSums:
         count = int(self._sums[number, N])
         stride = int(self._stride[number])
         held = min(-(-count // stride), KEPT)
+        products = self._products[number].copy()
+        products[1] += self._sums[number, FULL_SUM]
+        products[3] += self._sums[number, FULL_COUNT]
         return Cell(
             sums=self._sums[number].copy(),
-            products=self._products[number].copy(),
+            products=products,
             sketch=self._sketch[number].copy(),
             kept=self._kept[number, :, :held].copy(),
             stride=stride,
@@ -593,11 +608,10 @@ _EDGES = _edges()
 def _bucket_median(counts: NDArray[np.int64], low: Array, high: Array) -> float:
     """The value that splits the counts in half, each bucket's count spread evenly over [low, high)."""
     used = np.flatnonzero(counts)
-    order = used[np.argsort(low[used] + high[used], kind="stable")]
-    points = np.unique(np.concatenate([low[order], high[order]]))
-    # Cumulative count at every edge: overlapping buckets (folded by the absolute value) add up.
-    width = high[order] - low[order]
-    share = np.clip((points[:, None] - low[order]) / width, 0.0, 1.0)
-    below = share @ counts[order]
-    half = counts.sum() / 2.0
-    return float(np.interp(half, below, points))
+    density = counts[used] / (high[used] - low[used])
+    points = np.concatenate([low[used], high[used]])
+    change = np.concatenate([density, -density])
+    order = np.argsort(points, kind="stable")
+    points, slope = points[order], np.cumsum(change[order])
+    below = np.concatenate([[0.0], np.cumsum(slope[:-1] * np.diff(points))])
+    return float(np.interp(counts.sum() / 2.0, below, points))

@@ -96,12 +96,17 @@ def lag_sums(values: ArrayLike, lags: int, stretch: ArrayLike | None = None, *, 
         raise ValueError(f"{x.size} values but {mark.size} stretch numbers; give one stretch number a value")
     sums = np.zeros((4, lags + 1))
     sums[:, 0] = np.count_nonzero(there), x @ x, x.sum(), x.sum()
+    whole = bool(there.all()) and mark is None
     for k in range(1, min(lags, x.size - 1) + 1):
-        both = there[k:] & there[:-k]
-        if mark is not None:
-            both &= mark[k:] == mark[:-k]
-        early, late = np.where(both, x[:-k], 0.0), np.where(both, x[k:], 0.0)
-        sums[:, k] = np.count_nonzero(both), early @ late, early.sum(), late.sum()
+        early, late = x[:-k], x[k:]
+        count = early.size
+        if not whole:
+            both = there[k:] & there[:-k]
+            if mark is not None:
+                both &= mark[k:] == mark[:-k]
+            early, late = np.where(both, early, 0.0), np.where(both, late, 0.0)
+            count = int(np.count_nonzero(both))
+        sums[:, k] = count, early @ late, early.sum(), late.sum()
     return LagSums(origin, _longest(mark, x.size), *sums)
 
 

@@ -20,25 +20,26 @@ def decimate(x: ArrayLike, y: ArrayLike, columns: int = 1000) -> tuple[Floats, F
     -------
     The kept samples in their order: at most about 4 a column, all of them when there are no more than that.
     """
-    x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
-    if x.size <= 4 * columns:
-        return x, y
-    column = _cells(x, columns)
+    a, b = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    if a.size <= 4 * columns:
+        return a, b
+    column = _cells(a, columns)
     edge = np.flatnonzero(np.diff(column)) + 1
     starts = np.concatenate(([0], edge))
-    keep = np.zeros(x.size, dtype=bool)
+    keep = np.zeros(a.size, dtype=bool)
+    finite = np.isfinite(b)
     keep[starts] = True
-    keep[np.concatenate((edge - 1, [x.size - 1]))] = True
-    run = np.repeat(np.arange(starts.size), np.diff(np.concatenate((starts, [x.size]))))
-    finite = np.isfinite(y)
+    keep[np.concatenate((edge - 1, [a.size - 1]))] = True
+    keep &= finite
+    run = np.repeat(np.arange(starts.size), np.diff(np.concatenate((starts, [a.size]))))
     for filler, best in ((np.inf, np.minimum), (-np.inf, np.maximum)):
-        value = np.where(finite, y, filler)
+        value = np.where(finite, b, filler)
         extreme = np.flatnonzero((value == best.reduceat(value, starts)[run]) & finite)
         keep[extreme[np.unique(run[extreme], return_index=True)[1]]] = True
     gap = ~finite
     gap[1:] &= finite[:-1]  # one break is enough for a run of them
     keep |= gap
-    return x[keep], y[keep]
+    return a[keep], b[keep]
 
 
 def thin(x: ArrayLike, y: ArrayLike, columns: int = 800, rows: int = 300) -> tuple[Floats, Floats]:
@@ -49,20 +50,20 @@ def thin(x: ArrayLike, y: ArrayLike, columns: int = 800, rows: int = 300) -> tup
     x, y : coordinates; pairs that are not finite are dropped.
     columns, rows : pixels across and up the picture.
     """
-    x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
-    finite = np.isfinite(x) & np.isfinite(y)
-    x, y = x[finite], y[finite]
-    if x.size <= columns:
-        return x, y
-    column = _cells(x, columns)
-    first = np.unique(column * rows + _cells(y, rows), return_index=True)[1]
-    keep = np.zeros(x.size, dtype=bool)
+    a, b = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    finite = np.isfinite(a) & np.isfinite(b)
+    a, b = a[finite], b[finite]
+    if a.size <= columns:
+        return a, b
+    column = _cells(a, columns)
+    first = np.unique(column * rows + _cells(b, rows), return_index=True)[1]
+    keep = np.zeros(a.size, dtype=bool)
     keep[first] = True
-    order = np.lexsort((y, column))
+    order = np.lexsort((b, column))
     new = np.flatnonzero(np.diff(column[order])) + 1
     keep[order[np.concatenate(([0], new))]] = True
-    keep[order[np.concatenate((new - 1, [x.size - 1]))]] = True
-    return x[keep], y[keep]
+    keep[order[np.concatenate((new - 1, [a.size - 1]))]] = True
+    return a[keep], b[keep]
 
 
 def _cells(value: Floats, cells: int) -> NDArray[np.int64]:

@@ -69,7 +69,7 @@ def expected_variance_ratio(n: ArrayLike, mode: Mode = "mean_removed", vif: Arra
 
 
 def c4(nu: ArrayLike) -> FloatArray:
-    """Expected sigma estimate over true sigma at `nu` degrees of freedom: 0.80 at 1, 0.97 at 9, 0.99 at 29."""
+    """Expected sigma estimate over the true one at `nu` degrees of freedom: 0.80 at 1, 0.99 at 29."""
     half = _float(nu) / 2
     with np.errstate(divide="ignore", invalid="ignore"):
         root = np.exp(special.gammaln(half + 0.5) - special.gammaln(half))

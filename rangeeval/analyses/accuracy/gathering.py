@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -184,6 +185,12 @@ def _in_time_order(table: Table, track: NDArray[np.int32], usual: float) -> tupl
     return table.take(inside), int((back & ~large).sum()), int(large.sum())
 
 
+def threads() -> int:
+    """How many threads add axes: `RANGEEVAL_THREADS`, else one an axis. The result does not depend on it."""
+    asked = os.environ.get("RANGEEVAL_THREADS", "")
+    return max(1, int(asked)) if asked.isdigit() else len(AXES)
+
+
 _NEEDED = ("time_s", "track_id", "range_predicted_m", "snr_db", "waveform", "attenuation_db")
 
 
@@ -215,8 +222,14 @@ def gather_cells(
     source = trial.log("residuals").source
     tracks = 0
     gains = (f"{gain}_{a.name}" for a in AXES for gain in ("alpha", "beta"))
-    names = {*_NEEDED, *gains, *(a.residual for a in AXES), *(a.cross for a in AXES if a.cross), *(x.column for x in limits)}
-    with ThreadPoolExecutor(len(AXES)) as pool:
+    names = {
+        *_NEEDED,
+        *gains,
+        *(a.residual for a in AXES),
+        *(a.cross for a in AXES if a.cross),
+        *(x.column for x in limits),
+    }
+    with ThreadPoolExecutor(threads()) as pool:
         running: list[Future[None]] = []
         for table in updates(trial, names):
             problems.extend(table.problems)

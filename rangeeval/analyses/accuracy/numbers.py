@@ -76,6 +76,7 @@ class Here:
     method: Method
     memory: Memory
     sigmas: Sigmas
+    p_values: Mapping[str, float]
     flags: tuple[str, ...]
     nu: float
 
@@ -192,11 +193,12 @@ def _here(
     sigmas = _sigmas(cell, paper=method.paper)
     s = cell.sums
     kurtosis = float(jarque_bera_from_moments(cell.n, s[c.M2], s[c.M3], s[c.M4]).kurtosis)
-    flags = _flags(axis, cell, memory, sigmas, sigma_range, method)
+    p_values = _p_values(cell, memory, sigmas)
+    flags = _flags(axis, cell, memory, sigmas, p_values, sigma_range, method)
     # Heavy tails: the variance estimate scatters more than a normal one's, which the interval must say.
     heavy = kurtosis if "not-normal" in flags and kurtosis > 3.0 else 3.0
     nu = float(degrees_of_freedom(memory.n_eff, kurtosis=heavy)) if cell.n > 1 else math.nan
-    return Here(axis, cell, place, method, memory, sigmas, flags, nu if nu > 0 else math.nan)
+    return Here(axis, cell, place, method, memory, sigmas, p_values, flags, nu if nu > 0 else math.nan)
 
 
 def _root(squares: float, n: int) -> float:
@@ -241,7 +243,13 @@ def _p_values(cell: Cell, memory: Memory, sigmas: Sigmas) -> dict[str, float]:
 
 
 def _flags(
-    axis: Axis, cell: Cell, memory: Memory, sigmas: Sigmas, sigma_range: float, method: Method
+    axis: Axis,
+    cell: Cell,
+    memory: Memory,
+    sigmas: Sigmas,
+    p: Mapping[str, float],
+    sigma_range: float,
+    method: Method,
 ) -> tuple[str, ...]:
     n, s = cell.n, cell.sums
     flags: list[str] = []
@@ -249,7 +257,6 @@ def _flags(
         flags.append("few-samples")
     if n < 2:
         return tuple(flags)
-    p = _p_values(cell, memory, sigmas)
     if p["whiteness"] < TEST_LEVEL:
         flags.append("correlated")
     if len(memory.rho) > 1 and memory.rho[1] > 3.3 / math.sqrt(n):
@@ -309,7 +316,7 @@ def _axis_rows(here: Here) -> list[Estimate]:
         row(f"{a}_residual_skewness", "1", float(kurtosis.skewness)),
         row(f"{a}_residual_kurtosis", "1", float(kurtosis.kurtosis)),
         *_correlation_rows(here),
-        *(row(f"{a}_{test}_p", "1", p) for test, p in _p_values(cell, here.memory, sigmas).items()),
+        *(row(f"{a}_{test}_p", "1", p) for test, p in here.p_values.items()),
         row(f"alpha_{a}", "1", sigmas.alpha),
         row(f"alpha_{a}_min", "1", float(s[c.MIN_ALPHA]) if some else math.nan),
         row(f"alpha_{a}_max", "1", float(s[c.MAX_ALPHA]) if some else math.nan),

@@ -1,0 +1,56 @@
+"""What a report says and in which order: from results to a document of blocks.
+
+`SECTIONS` lists, for each analysis, the function that lays out its chapter. An analysis without one gets its
+headline table and its flags.
+"""
+
+from __future__ import annotations
+
+import datetime
+import importlib
+from collections.abc import Callable, Sequence
+
+from rangeeval.model import Result
+from rangeeval.reporting.blocks import Document, Section
+from rangeeval.reporting.sections.common import inputs_section, plain_section, software_section, summary_section
+
+SECTIONS: dict[str, str] = {
+    "check": "rangeeval.reporting.sections.check:sections",
+    "accuracy": "rangeeval.reporting.sections.accuracy:sections",
+}
+
+_EPOCH = datetime.datetime(1980, 1, 1, tzinfo=datetime.UTC)  # stamps files of a trial that gives no date
+
+
+def compose(results: Sequence[Result]) -> Document:
+    """The report on a trial: summary with verdicts, a chapter an analysis, what was read, how it was made."""
+    about = results[0].provenance.get("trial", {})
+    chapters = [section for result in results for section in _chapter(result)]
+    meta = [
+        (word, about.get(key, ""))
+        for word, key in (("Radar", "radar"), ("Date of trial", "date"), ("Software under test", "software"))
+    ]
+    return Document(
+        title=about.get("name") or "Trial",
+        date=_date(about.get("date", "")),
+        subtitle="Post-trial analysis",
+        handling=about.get("handling", ""),
+        meta=[(word, text) for word, text in meta if text],
+        sections=[summary_section(results), *chapters, inputs_section(results), software_section(results)],
+    )
+
+
+def _chapter(result: Result) -> list[Section]:
+    where = SECTIONS.get(result.analysis)
+    if where is None:
+        return plain_section(result)
+    module, name = where.split(":")
+    layout: Callable[[Result], list[Section]] = getattr(importlib.import_module(module), name)
+    return layout(result)
+
+
+def _date(text: str) -> datetime.datetime:
+    try:
+        return datetime.datetime.fromisoformat(text[:10]).replace(tzinfo=datetime.UTC)
+    except ValueError:
+        return _EPOCH

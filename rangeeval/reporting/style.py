@@ -1,0 +1,55 @@
+"""How things look, once for every renderer: colours by meaning, sizes, typefaces.
+
+Colours follow Okabe and Ito (2008), "Color Universal Design", which readers with any common kind of colour
+vision can tell apart; line patterns and marker shapes say the same again for print without colour.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+TEXT_WIDTH_PT = 487.0  # A4 less margins of 19 mm
+ROW_HEIGHT_PT = {"compact": 146.0, "normal": 172.0, "tall": 255.0}
+ROW_HEIGHT_PX = {"compact": 210, "normal": 300, "tall": 430}
+FONT_FAMILIES = ("DejaVu Sans", "NanumGothic")
+
+INK = "#1b2733"
+MUTED = "#55626f"
+GRID = "#e3e8ed"
+FRAME = "#9aa7b3"
+
+
+@dataclass(frozen=True)
+class Look:
+    """How one role is drawn: a colour, a dash pattern in points (empty: solid) and a marker shape."""
+
+    colour: str
+    dash: tuple[float, ...] = ()
+    marker: str = "circle"
+    width: float = 1.1
+
+
+_LOOKS = {
+    "measured": Look("#0072B2"),
+    "predicted": Look("#D55E00", (5.0, 2.5), "square"),
+    "reference": Look("#5B6875", (), "triangle", 0.9),
+    "limit": Look("#9B2C6F", (6.0, 2.0, 1.2, 2.0), "diamond"),
+    "group1": Look("#0072B2"),
+    "group2": Look("#C77700", (5.0, 2.0), "square"),
+    "group3": Look("#00805E", (2.0, 1.6), "triangle"),
+    "group4": Look("#B8508C", (6.0, 2.0, 1.2, 2.0), "diamond"),
+    "group5": Look("#3A9BD6", (8.0, 2.0), "circle"),
+    "group6": Look("#D55E00", (3.0, 1.5, 1.0, 1.5), "square"),
+    "group7": Look("#7A6A00", (1.2, 1.4), "triangle"),
+    "group8": Look("#1b2733", (9.0, 3.0), "diamond"),
+}
+
+
+def look(role: str) -> Look:
+    """The look of a role; groups beyond the eighth start over, and an unknown role looks like `reference`."""
+    if role in _LOOKS:
+        return _LOOKS[role]
+    number = role.removeprefix("group")
+    if role.startswith("group") and number.isdecimal():
+        return _LOOKS[f"group{(int(number) - 1) % 8 + 1}"]
+    return _LOOKS["reference"]

@@ -1,0 +1,95 @@
+"""Results on a terminal: the same tables as the report, as text."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from typing import IO, TYPE_CHECKING, Any
+
+from rangeeval.errors import one_line
+from rangeeval.reporting.blocks import Cell, Table
+from rangeeval.reporting.tables import headline_table, verdict_table
+
+if TYPE_CHECKING:
+    from rangeeval.model import Result
+
+_WIDE = 200  # columns when the output is no terminal
+_NOTE = {
+    "accuracy": (
+        "σ: random error only, with its {confidence:.0%} interval. "
+        "A constant bias leaves no trace in residuals and is not in these numbers."
+    ),
+    "check": "All bins: the verdict at the level that holds for all bins of the requirement together (Bonferroni).",
+}
+
+
+def as_text(result: Result, stream: IO[str] | None = None) -> str:
+    """The result's short table as text, in colour when `stream` is a terminal."""
+    table = (
+        verdict_table(result, caption="Requirements")
+        if result.analysis == "check"
+        else headline_table(result, caption=result.analysis.capitalize())
+    )
+    return text_of(table, stream) + _NOTE.get(result.analysis, "").format(**result.settings) + "\n"
+
+
+def text_of(table: Table, stream: IO[str] | None = None) -> str:
+    """A table as text. Every cell is printed as plain text: nothing in a log can colour or clear a terminal."""
+    from rich.console import Console
+    from rich.table import Table as RichTable
+    from rich.text import Text
+
+    terminal = stream is not None and stream.isatty()
+    console = Console(
+        file=io.StringIO(),
+        force_terminal=terminal,
+        width=None if terminal else _WIDE,
+        no_color=not terminal,
+        soft_wrap=False,
+    )
+    rich = RichTable(
+        title=Text(one_line(table.caption)), title_justify="left", box=None, pad_edge=False, header_style="bold"
+    )
+    sides = {"l": "left", "r": "right", "c": "center"}
+    for head, align in zip(table.head, table.alignment, strict=True):
+        rich.add_column(Text(one_line(head)), justify=sides[align])  # type: ignore[arg-type]
+    colour = {"pass": "green", "fail": "red", "inconclusive": "yellow"}
+    for row in table.rows:
+        cells = [c if isinstance(c, Cell) else Cell(c) for c in row]
+        rich.add_row(*(Text(one_line(c.text), style=colour.get(c.verdict, "")) for c in cells))
+    console.print(rich)
+    text: str = console.file.getvalue()  # type: ignore[attr-defined]
+    return "\n".join(line.rstrip() for line in text.splitlines()) + "\n"
+
+
+def inspection_text(found: Sequence[Mapping[str, Any]], stream: IO[str] | None = None) -> str:
+    """What `inspect` found (its plain form), a block a file: kind, format, columns with units, rows, span, gaps, rejects."""
+    return "\n".join(_inspected(item, stream) for item in found)
+
+
+def _inspected(item: Mapping[str, Any], stream: IO[str] | None) -> str:
+    first, last = item["first_time_s"], item["last_time_s"]
+    span = "no times" if first is None else f"{first:g} to {last:g} s ({last - first:g} s)"
+    largest = item["largest_gap_s"]
+    gaps = f"{item['gaps']}, the largest {largest:g} s" if item["gaps"] and largest is not None else str(item["gaps"])
+    stage = f", residuals {item['stage']}" if item["kind"] == "residuals" else ""
+    facts = [
+        ["log", f"{item['kind']}{stage}"],
+        ["format", f"{item['format']}, {item['size']:,} bytes"],
+        ["SHA-256", item["sha256"]],
+        ["rows", f"{item['rows']:,} used, {item['rejected']:,} set aside"],
+        ["tracks", str(item["tracks"])],
+        ["time", span],
+        ["gaps", gaps],
+    ]
+    columns = []
+    for c in item["columns"]:
+        missing = f"{c['missing']:,} missing" if c["missing"] else ""
+        columns.append([c["written"], c["stored"] if c["stored"] != c["written"] else "", missing])
+    text = text_of(Table(item["file"], ["", ""], facts, "ll"), stream)
+    text += text_of(Table("", ["Column", "Stored as", ""], columns, "lll"), stream)
+    for problem in item["problems"]:
+        rows = f" ({problem['count']} rows)" if problem["count"] else ""
+        text += one_line(f"! {problem['reason']}{rows}") + "\n"
+        text += "".join(f"  {one_line(example)}\n" for example in problem["examples"])
+    return text
