@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from rangeeval.reporting import Document, render_html
-from tests.report.browser import Browser, browser, find_browser
-from tests.report.demo import demo
-from tests.report.hostile import STRINGS, hostile_document
+from tests.reporting.browser import Browser, browser, find_browser
+from tests.reporting.demo import demo
+from tests.reporting.hostile import STRINGS, hostile_document
 
 PROGRAM = find_browser()
 pytestmark = pytest.mark.skipif(PROGRAM is None, reason="no Chromium or Chrome on this machine")

@@ -35,8 +35,8 @@ from rangeeval.reporting.fonts import Glyphs
 from rangeeval.reporting.pages import draw
 from rangeeval.reporting.plots import plot_document
 from rangeeval.reporting.svg import render_svg
-from tests.report.demo import demo
-from tests.report.hostile import STRINGS, hostile_document
+from tests.reporting.demo import demo
+from tests.reporting.hostile import STRINGS, hostile_document
 
 DATE = datetime.datetime(2026, 1, 2, tzinfo=datetime.UTC)
 X = np.arange(5.0)
