@@ -454,6 +454,16 @@ class _Parser:
         text = next(csv.reader([line.decode("utf-8")], delimiter=chr(self.separator)))
         return [cell.encode("utf-8") for cell in text]
 
+    def _line_of_numbers(self) -> re.Pattern[bytes]:
+        """What a line looks like whose number columns plainly hold numbers: most lines need no closer look."""
+        separator = re.escape(bytes([self.separator]))
+        point = b"," if self.dialect.decimal == "," else b"[.]"
+        digits = b"(?:[0-9]+(?:%s[0-9]*)?|%s[0-9]+)" % (point, point)
+        number = b"(?:[+-]?%s(?:[eE][+-]?[0-9]+)?)?" % digits
+        wanted = {f.position for f in self.fields if not f.text}
+        cells = (number if i in wanted else b'[^"%s]*' % separator for i in range(self.dialect.fields))
+        return re.compile(separator.join(cells))
+
     def _numeric_lines(
         self, block: bytes, first: int, rows: NDArray[np.int64] | None
     ) -> tuple[NDArray[np.bool_], list[Problem]]:
@@ -463,7 +473,10 @@ class _Parser:
         examples: list[str] = []
         numbers = [f for f in self.fields if not f.text]
         comma = self.dialect.decimal == ","
+        plainly_good = self._line_of_numbers().fullmatch
         for i, line in enumerate(all_lines):
+            if plainly_good(line):
+                continue
             cells = self._cells(line)
             for f in numbers:
                 cell = cells[f.position].strip()
