@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from rangeeval.model import Estimate, Result
 from rangeeval.reporting.blocks import Cell, Table
-from rangeeval.reporting.wording import bin_text, estimate_text, flags_text, quantity_name, unit_name
+from rangeeval.reporting.wording import (
+    NBSP,
+    bin_text,
+    estimate_text,
+    flags_text,
+    plain_number,
+    quantity_name,
+    unit_name,
+)
+from rangeeval.units import shown
 
 HEADLINES = {
     "accuracy": ("range_sigma", "elevation_sigma", "azimuth_sigma"),
@@ -93,25 +104,30 @@ def verdict_table(result: Result, *, caption: str) -> Table:
     body: list[list[str | Cell]] = []
     requirements = result.settings["requirements"]
     for row in result.rows:
-        e = row.extra
-        requirement = requirements[e["requirement"] - 1]
-        decided = Estimate(
-            quantity=row.quantity, unit=row.unit, value=e["bound"] if e["bound"] is not None else float("nan")
+        extra = row.extra
+        number = int(extra["requirement"])
+        unit = shown(row.unit)
+        bound, limit = (
+            plain_number(unit.value(math.nan if v is None else v), 4) for v in (extra["bound"], extra["limit"])
         )
-        limit = Estimate(quantity=row.quantity, unit=row.unit, value=e["limit"])
-        more = (
-            "" if e["verdict"] != "inconclusive" else ("never" if e["more_samples"] is None else str(e["more_samples"]))
+        body.append(
+            [
+                f"{number}. {requirements[number - 1]['name'] or quantity_name(row.quantity)}",
+                bin_text(row),
+                str(row.n),
+                f"{estimate_text(row)}{NBSP}{unit.unit}",
+                bound,
+                limit,
+                Cell(extra["verdict"], verdict=extra["verdict"]),
+                Cell(extra["family_verdict"], verdict=extra["family_verdict"]),
+                _more(extra),
+            ]
         )
-        body.append([
-            requirement["name"] or f"{quantity_name(row.quantity)}",
-            bin_text(row),
-            str(row.n),
-            f"{estimate_text(row)} {unit_name(row.unit)}",
-            estimate_text(decided),
-            estimate_text(limit),
-            Cell(e["verdict"], verdict=e["verdict"]),
-            Cell(e["family_verdict"], verdict=e["family_verdict"]),
-            more,
-        ])  # fmt: skip
     head = ["Requirement", "Bin", "n", "Estimate", "Bound", "Limit", "Verdict", "All bins", "More samples"]
     return Table(caption, head, body, "llrrrrllr")
+
+
+def _more(extra: Mapping[str, Any]) -> str:
+    if extra["verdict"] != "inconclusive":
+        return ""
+    return "ratios disagree" if extra["more_samples"] is None else str(extra["more_samples"])

@@ -11,7 +11,7 @@ import importlib
 from collections.abc import Callable, Sequence
 
 from rangeeval.model import Result
-from rangeeval.reporting.blocks import Document, Section
+from rangeeval.reporting.blocks import Document, Figure, Section
 from rangeeval.reporting.sections.common import inputs_section, plain_section, software_section, summary_section
 
 SECTIONS: dict[str, str] = {
@@ -36,7 +36,7 @@ def compose(results: Sequence[Result]) -> Document:
         subtitle="Post-trial analysis",
         handling=about.get("handling", ""),
         meta=[(word, text) for word, text in meta if text],
-        sections=[summary_section(results), *chapters, inputs_section(results), software_section(results)],
+        sections=[summary_section(results, _figure), *chapters, inputs_section(results), software_section(results)],
     )
 
 
@@ -47,6 +47,13 @@ def _chapter(result: Result) -> list[Section]:
     module, name = where.split(":")
     layout: Callable[[Result], list[Section]] = getattr(importlib.import_module(module), name)
     return layout(result)
+
+
+def _figure(result: Result) -> Figure | None:
+    """The figure of an analysis that belongs on the summary: `summary_figure` of its section module, if any."""
+    where = SECTIONS.get(result.analysis)
+    draw = getattr(importlib.import_module(where.split(":")[0]), "summary_figure", None) if where else None
+    return draw(result) if draw else None
 
 
 def _date(text: str) -> datetime.datetime:
