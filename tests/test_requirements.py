@@ -13,7 +13,15 @@ from rangeeval.stats.intervals import sigma_lower_bound, sigma_upper_bound
 
 def rows(value, nu, *, white=None, n=100, low=0.0):
     """A bin's range sigma by both ratios."""
-    common = {"unit": "m", "n": n, "n_eff": nu + 1, "variable": "range", "bin_low": low, "bin_high": low + 5e3, "extra": {"nu": nu}}
+    common = {
+        "unit": "m",
+        "n": n,
+        "n_eff": nu + 1,
+        "variable": "range",
+        "bin_low": low,
+        "bin_high": low + 5e3,
+        "extra": {"nu": nu},
+    }
     return (
         Estimate(quantity="range_sigma", value=value, **common),
         Estimate(quantity="range_sigma_white", value=value if white is None else white, **common),
@@ -22,12 +30,20 @@ def rows(value, nu, *, white=None, n=100, low=0.0):
 
 def judged(limit, *bins, confidence=0.95):
     """The rows of check on one requirement."""
-    return check([(Requirement("range_sigma", limit, confidence), Result("accuracy", tuple(r for b in bins for r in b)))]).rows
+    return check(
+        [(Requirement("range_sigma", limit, confidence), Result("accuracy", tuple(r for b in bins for r in b)))]
+    ).rows
 
 
 @pytest.mark.parametrize(
     ("s", "nu", "verdict"),
-    [(14.0, 29, "pass"), (16.0, 29, "inconclusive"), (23.0, 29, "inconclusive"), (25.0, 99, "fail"), (18.0, 400, "pass")],
+    [
+        (14.0, 29, "pass"),
+        (16.0, 29, "inconclusive"),
+        (23.0, 29, "inconclusive"),
+        (25.0, 99, "fail"),
+        (18.0, 400, "pass"),
+    ],
 )
 def test_the_verdict_is_that_of_the_one_sided_bound(s, nu, verdict):
     """Pass when the upper 95 % bound is within 20 m, fail when the lower is beyond, else inconclusive."""
@@ -64,7 +80,14 @@ def test_many_bins_together_need_more():
 
 def test_a_bin_without_samples_is_not_judged_and_said():
     """No sample that the requirement speaks of: no row, one problem."""
-    result = check([(Requirement("range_sigma", 20.0), Result("accuracy", (*rows(1.0, 50), *rows(math.nan, math.nan, n=0, low=5e3))))])
+    result = check(
+        [
+            (
+                Requirement("range_sigma", 20.0),
+                Result("accuracy", (*rows(1.0, 50), *rows(math.nan, math.nan, n=0, low=5e3))),
+            )
+        ]
+    )
     assert len(result.rows) == 1
     assert "1 bins hold no sample" in result.problems[0].reason
 

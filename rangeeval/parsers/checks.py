@@ -60,7 +60,7 @@ class Checks:
             found.append(
                 Problem(
                     self.where,
-                    "time goes backwards within a track; the rows are used in the order of the file",
+                    "time goes backwards within a track",
                     backward,
                     (f"largest step {largest:.6g} s",),
                 )

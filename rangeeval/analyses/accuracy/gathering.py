@@ -329,6 +329,12 @@ def _add_axis(
     )
 
 
+_LEFT_OUT = {
+    "startup": "start-up after a track begins, restarts or changes its gains (first 11/alpha updates) left out, by axis",
+    "unusable": "residual, prediction or gains missing, or gains outside the stability triangle, by axis",
+}
+
+
 def _sorted_out(
     grouping: _Groups,
     numbers: CellNumbers,
@@ -350,23 +356,22 @@ def _sorted_out(
             members.setdefault(Place(bin_number, track=track), []).append(cell)
     axes = tuple(a for a in AXES if a.residual in present)
     cells: dict[str, dict[Place, Cell]] = {}
+    left_out: dict[str, dict[str, int]] = {"startup": {}, "unusable": {}}
+    offered = counts["updates"] - counts["duplicates"] - counts["in_no_bin"] - counts["left_out_by_when"]
     for axis in axes:
         of_axis = sums[axis.name]
         cells[axis.name] = {
             place: Cell.merged([of_axis.cell(c) for c in cells_here]) for place, cells_here in sorted(members.items())
         }
-        used = sum(c.n for p, c in cells[axis.name].items() if p == Place(p.bin))
-        in_startup = sum(c.startup for p, c in cells[axis.name].items() if p == Place(p.bin))
-        counts[f"{axis.name}_used"] = used
-        counts[f"{axis.name}_startup"] = in_startup
-        unusable = counts["updates"] - counts["duplicates"] - counts["in_no_bin"] - counts["left_out_by_when"]
-        unusable -= used + in_startup
-        if in_startup:
-            reason = f"{axis.name} axis: start-up after a track begins, restarts or changes its gains (first 11/alpha)"
-            problems.append(Problem(source, reason, in_startup, rejected=True))
-        if unusable > 0:
-            reason = f"{axis.name} axis: residual, prediction or gains missing, or gains outside the stability triangle"
-            problems.append(Problem(source, reason, unusable, rejected=True))
+        together = [c for p, c in cells[axis.name].items() if p == Place(p.bin)]
+        used, in_startup = sum(c.n for c in together), sum(c.startup for c in together)
+        counts[f"{axis.name}_used"], counts[f"{axis.name}_startup"] = used, in_startup
+        left_out["startup"][axis.name] = in_startup
+        left_out["unusable"][axis.name] = max(offered - used - in_startup, 0)
+    for which, why in _LEFT_OUT.items():
+        if any(left_out[which].values()):
+            each = ", ".join(f"{name} {n}" for name, n in left_out[which].items())
+            problems.append(Problem(source, f"{why}: {each}", max(left_out[which].values()), rejected=True))
     if not any(c.n for of_axis in cells.values() for c in of_axis.values()):
         found = "; ".join(f"{p.reason} ({p.count})" for p in gather(problems)[:3] if p.count)
         raise InputError(f"{source}: not one usable update in any bin" + (f": {found}" if found else ""))
