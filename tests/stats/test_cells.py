@@ -141,7 +141,7 @@ def test_thinned_samples_are_every_second_then_every_fourth():
 
 
 def test_startup_leaves_out_the_first_updates_of_a_track_and_after_a_lasting_gain_jump():
-    """With alpha 0.5 the first 22 updates go, and 29 more when alpha falls to 0.38 and stays; a restart does the same."""
+    """With alpha 0.5 the first 22 updates go, and 29 more when alpha falls to 0.38 and stays; a restart likewise."""
     alpha = np.r_[np.full(100, 0.5), np.full(100, 0.38)]
     cell = gathered(np.ones(200), alpha=alpha, startup=11.0).cell(0)
     assert cell.startup == 22 + 29
@@ -168,9 +168,10 @@ def test_unusable_samples_are_not_counted():
 
 def test_legs_turn_where_the_range_turns():
     """Inbound to the closest point and outbound after it, in spite of noise, and never by a single sample."""
-    rng = np.abs(np.linspace(30e3, -30e3, 500)) + 8e3 + np.random.default_rng(8).normal(0, 20, 500)
-    track = np.zeros(500, np.int32)
-    mark, leg, duplicates, late = Follower().follow(np.arange(500.0), track, rng, np.ones(500))
+    n = 2000
+    rng = np.abs(np.linspace(30e3, -30e3, n)) + 8e3 + np.random.default_rng(8).normal(0, 15, n)
+    track = np.zeros(n, np.int32)
+    mark, leg, duplicates, late = Follower().follow(np.arange(float(n)), track, rng, np.ones(n))
     turn = int(np.argmin(rng))
     assert set(leg[: turn - 3]) == {-1}
     assert set(leg[turn + 3 :]) == {1}
