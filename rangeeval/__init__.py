@@ -13,6 +13,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from rangeeval.analyses.accuracy import accuracy
+    from rangeeval.analyses.rcs import rcs
     from rangeeval.flow import check, evaluate, report
     from rangeeval.model import Bins, Result, Trial, log_of
     from rangeeval.parsers import open_trial
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 _WHERE = {
     "open_trial": "rangeeval.parsers",
     "accuracy": "rangeeval.analyses.accuracy",
+    "rcs": "rangeeval.analyses.rcs",
     "evaluate": "rangeeval.flow",
     "check": "rangeeval.flow",
     "report": "rangeeval.flow",
@@ -30,7 +32,7 @@ _WHERE = {
     "log_of": "rangeeval.model",
 }
 
-__all__ = ["Bins", "Result", "Trial", "accuracy", "check", "evaluate", "log_of", "open_trial", "report"]
+__all__ = ["Bins", "Result", "Trial", "accuracy", "check", "evaluate", "log_of", "open_trial", "rcs", "report"]
 
 
 def __getattr__(name: str) -> Any:

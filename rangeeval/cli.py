@@ -55,7 +55,7 @@ def bin_options(command: Command) -> Command:
         click.option("--confidence", type=float, default=0.95, show_default=True, help="Of the two-sided intervals."),
         click.option("--bin-width", type=float, help="Width of the bins, in the variable's SI unit (m, rad, dB, s)."),
         click.option("--bin-start", type=float, help="Where the first bin starts."),
-        click.option("--bins", "variable", help="Bin by range, azimuth, elevation, snr or time."),
+        click.option("--bins", "variable", help="Bin by range, azimuth, elevation, snr, aspect or time."),
         click.option("--snr-span", type=float, metavar="DB", help="Range bins of this constant SNR span instead."),
     ):
         command = option(command)
@@ -135,6 +135,44 @@ def accuracy(
 @cli.command()
 @paths
 @analysis_options
+@click.option(
+    "--method", type=click.Choice(["ml-a", "em-a", "ml-b", "em-b", "med"]), default="ml-a", show_default=True,
+    help="`ml-a`: exact maximum likelihood; the others are the source paper's, for comparison.",
+)
+@click.option(
+    "--swerling", type=click.Choice(["0", "1", "2", "3", "4", "auto"]), default="auto", show_default=True,
+    help="Fluctuation of the target; `auto` compares the cases over the whole trial.",
+)
+@click.option("--window", type=click.IntRange(1), metavar="N", help="Also the sliding estimate over N looks (csv, json).")
+@click.option("--per-track", is_flag=True, help="Also rows for each target.")
+def rcs(
+    trial: tuple[Path, ...], form: str | None, output: Path | None, confidence: float, method: str, swerling: str,
+    window: int | None, per_track: bool, **bins: Any,
+) -> None:  # fmt: skip
+    """Detection probability and mean RCS per bin, with missed detections counted.
+
+    An error in the radar equation (snr_per_m2) goes straight into the RCS and is in no interval here.
+    """
+    from rangeeval.analyses.rcs import rcs as analyse
+
+    one = opened(list(trial))
+    with progress("rcs") as advance:
+        result = analyse(
+            one,
+            bins_of(one, **bins),
+            confidence=confidence,
+            method=method,
+            swerling=swerling,
+            window=window,
+            per_track=per_track,
+            progress=advance,
+        )
+    show(one, result, form, output)
+
+
+@cli.command()
+@paths
+@analysis_options
 @estimator_option
 def check(
     trial: tuple[Path, ...], form: str | None, output: Path | None, confidence: float, estimator: str, **bins: Any
@@ -170,25 +208,46 @@ def inspect(trial: tuple[Path, ...], form: str) -> None:
 
 
 @cli.command()
-@click.argument("scenario", type=click.Choice(["alpha-beta"]))
-@click.option(
-    "-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder to write."
-)
+@click.argument("scenario", type=click.Choice(["alpha-beta", "swerling"]))
+@click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), help="Folder to write.")
 @click.option("--seed", type=int, default=1, show_default=True)
-@click.option("--flights", type=click.IntRange(1), default=4, show_default=True)
+@click.option("--flights", type=click.IntRange(1), default=4, show_default=True, help="alpha-beta: how many.")
 @click.option(
-    "--manoeuvre", type=float, default=0.0, show_default=True, metavar="M_S2", help="Target acceleration sigma."
+    "--manoeuvre", type=float, default=0.0, show_default=True, metavar="M_S2",
+    help="alpha-beta: target acceleration sigma.",
 )
-@click.option("--outbound", is_flag=True, help="Each flight also flies back out.")
-@click.option("--no-truth", is_flag=True, help="Leave out the truth log.")
-def simulate(scenario: str, output: Path, seed: int, **options: Any) -> None:
+@click.option("--outbound", is_flag=True, help="alpha-beta: each flight also flies back out.")
+@click.option("--no-truth", is_flag=True, help="alpha-beta: leave out the truth log.")
+@click.option("--swerling", type=click.Choice(["0", "1", "2", "3", "4"]), default="3", show_default=True,
+              help="swerling: the target's case.")
+@click.option("--rcs", "rcs_m2", type=float, default=2.0, show_default=True, metavar="M2", help="swerling: mean RCS.")
+@click.option("--broadside", "broadside_db", type=float, default=0.0, show_default=True, metavar="DB",
+              help="swerling: how much larger from the side.")
+@click.option("--table", is_flag=True, help="swerling: print the source paper's Monte Carlo table; no trial is needed.")
+@click.option("--runs", type=click.IntRange(2), default=10_000, show_default=True, help="swerling: runs of --table.")
+def simulate(scenario: str, output: Path | None, seed: int, table: bool, runs: int, **options: Any) -> None:  # fmt: skip
     """Make a synthetic trial with known answers.
 
     alpha-beta: a radar whose alpha-beta tracker follows targets inbound from 100 km.
+    swerling: looks at one target of known mean RCS; with --table, RMS errors of all five RCS methods.
     """
-    from rangeeval.scenarios import simulate_alpha_beta
+    if output is None and not (table and scenario == "swerling"):
+        raise click.UsageError("Missing option '-o' / '--output'.")
+    written: list[Path] = []
+    if scenario == "swerling":
+        from rangeeval.scenarios_swerling import compare_methods, comparison_text, simulate_swerling
 
-    for path in simulate_alpha_beta(output, seed=seed, **options):
+        if output is not None:
+            own = {k: options[k] for k in ("swerling", "rcs_m2", "broadside_db")}
+            written = simulate_swerling(output, seed=seed, **own)
+        if table:
+            click.echo(comparison_text(compare_methods(runs, seed)), nl=False)
+    elif output is not None:
+        from rangeeval.scenarios import simulate_alpha_beta
+
+        own = {k: options[k] for k in ("flights", "manoeuvre", "outbound", "no_truth")}
+        written = simulate_alpha_beta(output, seed=seed, **own)
+    for path in written:
         click.echo(path)
 
 
@@ -206,10 +265,12 @@ def bins_of(
     import dataclasses
 
     from rangeeval.model import Bins
-    from rangeeval.model.settings import settings_from
+    from rangeeval.model.settings import USUAL_WIDTH, settings_from
 
     asked = {"variable": variable, "width": bin_width, "start": bin_start, "snr_span_db": snr_span}
     own = {k: v for k, v in dataclasses.asdict(trial.settings.bins).items() if v is not None}
+    if variable in USUAL_WIDTH and variable != own["variable"]:  # the trial's width is of another unit
+        own = {"min_samples": own["min_samples"], "width": USUAL_WIDTH[variable]}
     merged = {**own, **{k: v for k, v in asked.items() if v is not None}}
     return Bins.of(settings_from({"bins": merged}, "options").bins)
 

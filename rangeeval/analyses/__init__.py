@@ -40,6 +40,7 @@ ANALYSES: dict[str, Analysis] = {
     "accuracy": Analysis(
         "rangeeval.analyses.accuracy:accuracy", needs=("residuals",), takes=("estimator", "per_track")
     ),
+    "rcs": Analysis("rangeeval.analyses.rcs:rcs", needs=("detections",), takes=("per_track",)),
 }
 
 

@@ -144,6 +144,9 @@ DETECTIONS = LogKind(
         _c("false_alarm_probability", about="probability of a false alarm in the look"),
         _c("range_m", "m", "range of the look"),
         _c("aspect_rad", "rad", "aspect angle of the target"),
+        _c("pulses", about="pulses integrated in the look"),
+        _c("energy_db", "db", "transmitted energy of the look against the nominal"),
+        _c("loss_db", "db", "loss of the look: beam shape, scan, straddle"),
     ),
 )
 

@@ -62,7 +62,52 @@ class Attitude:
     gravity_m_s2: float | None = None
 
 
+@dataclass(frozen=True)
+class DetectionSettings:
+    """What the amplitudes of a detections log are; the defaults are the contract's (power over mean noise power).
+
+    `amplitude`: `signal-plus-noise` (z: noise alone has mean 1 a pulse) or `signal` (z - 1: noise subtracted).
+    `integrated`: amplitude and threshold are the `sum` or the `mean` over the pulses. `saturation`: the amplitude, a
+    ratio in the log's own sense, from which the receiver saturates. `gate_cells`: the amplitude is the strongest of so
+    many cells. `fold_aspect`: left and right side together.
+    """
+
+    amplitude: str = "signal-plus-noise"
+    pulses: int = 1
+    integrated: str = "sum"
+    saturation: float | None = None
+    gate_cells: int = 1
+    threshold: float | None = None
+    false_alarm_probability: float | None = None
+    fold_aspect: bool = False
+    sphere_radius_m: float | None = None
+
+
+@dataclass(frozen=True)
+class RadarEquation:
+    """How alpha (the mean SNR of 1 m^2) follows from range: the loop gain, or what it is made of.
+
+    `calibration_db`: the standard error of alpha, common to all looks; it is reported apart from the intervals.
+    """
+
+    loop_gain_db: float | None = None
+    energy_j: float | None = None
+    gain_transmit_db: float | None = None
+    gain_receive_db: float | None = None
+    wavelength_m: float | None = None
+    noise_temperature_k: float = 290.0
+    noise_figure_db: float = 0.0
+    loss_db: float = 0.0
+    attenuation_db_per_km: float = 0.0
+    calibration_db: float | None = None
+
+
 VARIABLES = ("range", "azimuth", "elevation", "snr", "aspect", "time")
+# The width of bins of a variable when only the variable is asked for, in its stored unit.
+USUAL_WIDTH = {
+    "range": 5000.0, "azimuth": math.radians(5), "elevation": math.radians(5), "snr": 3.0,
+    "aspect": math.radians(15), "time": 60.0,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -109,6 +154,8 @@ class TrialSettings:
     site: Site = Site()
     radar: Radar = Radar()
     attitude: Attitude = Attitude()
+    detections: DetectionSettings = DetectionSettings()
+    radar_equation: RadarEquation = RadarEquation()
     bins: BinSettings = BinSettings()
     requirements: tuple[Requirement, ...] = ()
     logs: tuple[LogSettings, ...] = ()
@@ -215,6 +262,7 @@ def _check(settings: TrialSettings, where: str) -> None:
             raise SettingsError(
                 f"{at}.residual_stage is '{one_line(log.residual_stage, 40)}'; known: predicted, updated"
             )
+    _check_detections(settings, where)
     radar = settings.radar
     for name in (
         "bandwidth_hz",
@@ -226,3 +274,32 @@ def _check(settings: TrialSettings, where: str) -> None:
         value = getattr(radar, name)
         if value is not None and value <= 0:
             raise SettingsError(f"{where}: radar.{name} is {value:g}, expected more than 0")
+
+
+def _check_detections(settings: TrialSettings, where: str) -> None:
+    d, e = settings.detections, settings.radar_equation
+    for key, known in (("amplitude", ("signal-plus-noise", "signal")), ("integrated", ("sum", "mean"))):
+        value = getattr(d, key)
+        if value not in known:
+            raise SettingsError(f"{where}: detections.{key} is '{one_line(value, 40)}'; {did_you_mean(value, known)}")
+    for key in ("pulses", "gate_cells"):
+        if getattr(d, key) < 1:
+            raise SettingsError(f"{where}: detections.{key} is {getattr(d, key)}, expected 1 or more")
+    for key in ("saturation", "threshold", "sphere_radius_m"):
+        value = getattr(d, key)
+        if value is not None and value <= 0:
+            raise SettingsError(f"{where}: detections.{key} is {value:g}, expected more than 0")
+    if d.false_alarm_probability is not None and not 0 < d.false_alarm_probability < 1:
+        raise SettingsError(
+            f"{where}: detections.false_alarm_probability is {d.false_alarm_probability:g}, expected between 0 and 1"
+        )
+    parts = ("energy_j", "gain_transmit_db", "gain_receive_db", "wavelength_m")
+    given = [p for p in parts if getattr(e, p) is not None and p != "wavelength_m"]
+    if e.loop_gain_db is not None and given:
+        raise SettingsError(f"{where}: radar_equation gives loop_gain_db and {given[0]}; keep one way")
+    if given and (missing := [p for p in parts if getattr(e, p) is None]):
+        raise SettingsError(f"{where}: radar_equation needs {missing[0]} too, or loop_gain_db instead of the parts")
+    for key in ("energy_j", "wavelength_m", "noise_temperature_k"):
+        value = getattr(e, key)
+        if value is not None and value <= 0:
+            raise SettingsError(f"{where}: radar_equation.{key} is {value:g}, expected more than 0")

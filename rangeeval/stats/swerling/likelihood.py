@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtri
 
 from rangeeval.compiled import compiled
@@ -118,7 +118,7 @@ def _newton(kind, z, threshold, alpha, pulses, shape, cells, quick, first, last,
 
 
 @compiled
-def _from_grid(kind, z, threshold, alpha, pulses, shape, cells, first, last, at_zero):  # type: ignore[no-untyped-def]
+def _from_grid(kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, at_zero):  # type: ignore[no-untyped-def]
     """The highest of all maxima that a grid of the score shows; -inf when it is at s = 0."""
     most, least = 0.0, math.inf
     top = 0.0
@@ -136,10 +136,10 @@ def _from_grid(kind, z, threshold, alpha, pulses, shape, cells, first, last, at_
     u, before = low, 0.0
     i = 0
     while i < 4 * _GRID:
-        slope, _ = _slopes(kind, z, threshold, alpha, pulses, shape, cells, 0, first, last, math.exp(u))
+        slope, _ = _slopes(kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, math.exp(u))
         if i > 0 and before > 0.0 >= slope:
             root = _newton(
-                kind, z, threshold, alpha, pulses, shape, cells, 0, first, last, u - 0.5 * step, u - step, u
+                kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, u - 0.5 * step, u - step, u
             )
             value, _, _ = _value(
                 kind, z, threshold, alpha, pulses, shape, cells, first, last, math.exp(root)
@@ -155,8 +155,11 @@ def _from_grid(kind, z, threshold, alpha, pulses, shape, cells, first, last, at_
 
 
 @compiled
-def _maximise(kind, z, threshold, alpha, pulses, shape, cells, quick, firsts, lasts, out):  # type: ignore[no-untyped-def]
-    """ln s at the maximum of each window: -inf with no detection, +inf with hits and nothing that bounds them."""
+def _maximise(kind, z, threshold, alpha, pulses, shape, cells, quick, firsts, lasts, near, out):  # type: ignore[no-untyped-def]
+    """ln s at the maximum of each window: -inf with no detection, +inf with hits and nothing that bounds them.
+
+    With `near` above zero: the maximum next to it.
+    """
     for i in range(len(firsts)):
         first, last = firsts[i], lasts[i]
         found, bounded, at_zero, start = 0, 0, 0.0, 0.0
@@ -184,12 +187,12 @@ def _maximise(kind, z, threshold, alpha, pulses, shape, cells, quick, firsts, la
             out[i] = -math.inf
         elif bounded == 0:
             out[i] = math.inf
-        elif most > _SPREAD * least or at_zero <= 0.0 or cells > 1.0:
+        elif at_zero <= 0.0 or (near[i] <= 0.0 and (most > _SPREAD * least or cells > 1.0)):
             out[i] = _from_grid(
-                kind, z, threshold, alpha, pulses, shape, cells, first, last, at_zero
+                kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, at_zero
             )
         else:
-            start = math.log(max(start / (last - first), 1e-3 / most))
+            start = math.log(near[i] if near[i] > 0.0 else max(start / (last - first), 1e-3 / most))
             out[i] = _newton(
                 kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, start, -math.inf, math.inf
             )
@@ -283,10 +286,14 @@ def log_likelihood(looks: Looks, windows: Windows, case: Case, s: Floats) -> tup
     return value, slope, bend
 
 
-def maximum_likelihood(looks: Looks, windows: Windows, case: Case) -> Floats:
-    """The exact maximum-likelihood mean RCS of each window (ML-A): 0 with no detection, inf with unbounded hits."""
+def maximum_likelihood(looks: Looks, windows: Windows, case: Case, near: ArrayLike = 0.0) -> Floats:
+    """The exact maximum-likelihood mean RCS of each window (ML-A): 0 with no detection, inf with unbounded hits.
+
+    Where `near` is above zero, the maximum next to it instead of the highest of all.
+    """
     u = np.empty(len(windows))
-    _maximise(*_arguments(looks, case), _quick(looks, case), windows.first, windows.last, u)
+    start = np.ascontiguousarray(np.broadcast_to(np.asarray(near, np.float64), len(windows)))
+    _maximise(*_arguments(looks, case), _quick(looks, case), windows.first, windows.last, start, u)
     with np.errstate(over="ignore"):
         return np.exp(u)
 

@@ -23,6 +23,8 @@ MISS, DETECTION, HIT, SATURATED = 0, 1, 2, 3
 
 _BIG = 1e200
 _LN_BIG = math.log(_BIG)
+_HALF_BIG = 1e100
+_LN_HALF_BIG = math.log(_HALF_BIG)
 _FROM_PEAK = 400.0  # a mode of the count beyond this: the sum starts there, not at zero
 
 
@@ -142,7 +144,7 @@ def below_terms(t, n, mean, shape):  # type: ignore[no-untyped-def]
 @compiled
 def above(t, n, mean, shape):  # type: ignore[no-untyped-def]
     """P(z >= t), never as a difference from one."""
-    g = math.exp(-t)  # Poisson probability of i counts of mean t
+    g, shift = 1.0, -t  # Poisson probability of i counts of mean t is g exp(shift)
     q = 0.0
     for i in range(n):
         q += g
@@ -155,19 +157,21 @@ def above(t, n, mean, shape):  # type: ignore[no-untyped-def]
         if j > most:
             if mean > 0.5 * j:
                 break
-            if p < 1e-18 * total:
-                return total * math.exp(scale)
+            if p <= 1e-18 * total * math.exp(shift):
+                return total * math.exp(scale + shift)
         p *= (least + slope * j) / (j + 1.0)
         j += 1.0
         q += g
         g *= t / (n + j)
         counted += p
         total += p * q
-        if counted > _BIG:
-            p, counted, total = p / _BIG, counted / _BIG, total / _BIG
-            scale += _LN_BIG
-    known = math.exp(scale)
-    return min(1.0, total * known + max(0.0, 1.0 - counted * known))
+        if counted > _HALF_BIG:
+            p, counted, total = p / _HALF_BIG, counted / _HALF_BIG, total / _HALF_BIG
+            scale += _LN_HALF_BIG
+        if q > _HALF_BIG:
+            g, q, total = g / _HALF_BIG, q / _HALF_BIG, total / _HALF_BIG
+            shift += _LN_HALF_BIG
+    return min(1.0, total * math.exp(scale + shift) + max(0.0, 1.0 - counted * math.exp(scale)))
 
 
 @compiled
