@@ -21,6 +21,7 @@ from rangeeval.units import shown
 
 HEADLINES = {
     "accuracy": ("range_sigma", "elevation_sigma", "azimuth_sigma"),
+    "rcs": ("detection_probability", "rcs"),
 }
 
 

@@ -8,6 +8,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from rangeeval.errors import one_line
 from rangeeval.reporting.blocks import Cell, Table
+from rangeeval.reporting.sections.rcs import rcs_table
 from rangeeval.reporting.tables import headline_table, verdict_table
 from rangeeval.reporting.wording import NBSP
 
@@ -20,17 +21,22 @@ _NOTE = {
         "σ: random error only, with its {confidence:.0%} interval. "
         "A constant bias leaves no trace in residuals and is not in these numbers."
     ),
+    "rcs": (
+        "Intervals: {confidence:.0%}. {case_verdict} "
+        "An error of the radar equation goes straight into the RCS and is in no interval."
+    ),
     "check": "All bins: the verdict at the level that holds for all bins of the requirement together (Bonferroni).",
 }
 
 
 def as_text(result: Result, stream: IO[str] | None = None) -> str:
     """The result's short table as text, in colour when `stream` is a terminal."""
-    table = (
-        verdict_table(result, caption="Requirements")
-        if result.analysis == "check"
-        else headline_table(result, caption=result.analysis.capitalize())
-    )
+    if result.analysis == "check":
+        table = verdict_table(result, caption="Requirements")
+    elif result.analysis == "rcs":
+        table = rcs_table(result, "RCS and detection probability")
+    else:
+        table = headline_table(result, caption=result.analysis.capitalize())
     return text_of(table, stream) + _NOTE.get(result.analysis, "").format(**result.settings) + "\n"
 
 

@@ -27,6 +27,14 @@ FLAGS = {
     "steady-state": "most updates of the bin were left out while the filter settled; few remain.",
     "unobservable": "the predicted cross-range reaches the predicted range; no angle. Check frame and units.",
     "extrapolated": "outside the data the model was fitted to.",
+    "few-detections": "Fewer than 3 detections: not enough for a number that means much; read the interval.",
+    "upper-limit": "Nothing was detected: no estimate, only the one-sided upper limit of the RCS.",
+    "lower-limit": "Nothing bounds the RCS from above (only hits without amplitude): no estimate, only a lower limit.",
+    "poor-fit": "Amplitudes or number of detections do not fit the fluctuation model (bootstrap p below 0.01).",
+    "case-not-distinguishable": (
+        "The looks do not tell the Swerling cases apart: the interval holds those of every case within 2 of the best AIC."
+    ),
+    "rcs-varies": "One mean RCS does not fit all bins: RCS changes with aspect, or the loss model is wrong.",
 }
 
 QUANTITIES = {
@@ -35,6 +43,9 @@ QUANTITIES = {
     "z_sigma": "z σ",
     "elevation_sigma": "Elevation σ",
     "azimuth_sigma": "Azimuth σ",
+    "detection_probability": "Pd",
+    "detection_probability_model": "Model Pd",
+    "rcs": "RCS",
 }
 
 
@@ -88,6 +99,10 @@ def estimate_text(estimate: Estimate) -> str:
     _, low, high = _converted(estimate, shown(estimate.unit))
     decimals = decimals_for(low, high)
     text = value_text(estimate)
+    if text == MISSING and "upper-limit" in estimate.flags and math.isfinite(high):
+        return f"<{NBSP}{plain_number(high, 3)}"
+    if text == MISSING and "lower-limit" in estimate.flags and math.isfinite(low):
+        return f">{NBSP}{plain_number(low, 3)}"
     if decimals is None or text == MISSING:
         return text
     return f"{text}{NBSP}[{low:.{decimals}f},{NBSP}{high:.{decimals}f}]"

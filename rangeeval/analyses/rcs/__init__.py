@@ -34,6 +34,7 @@ from rangeeval.analyses.rcs.numbers import (
 from rangeeval.analyses.rcs.series import amplitude_series, curve_series, sliding_series
 from rangeeval.errors import InputError, SettingsError, did_you_mean
 from rangeeval.model import Bins, Estimate, Problem, Result, Trial, as_trial
+from rangeeval.model.settings import USUAL_WIDTH
 from rangeeval.physics.radar_equation import sphere_rcs
 from rangeeval.stats.swerling import CASES, MISS, Case, Looks, Windows
 from rangeeval.stats.swerling.fitness import FEW_LOOKS, Choice, bootstrap, choose, free_shape, homogeneity, measures
@@ -41,7 +42,7 @@ from rangeeval.stats.swerling.likelihood import detections, fit, profile_interva
 
 METHODS = ("ml-a", "em-a", "ml-b", "em-b", "med")
 SWERLING = (*CASES, "auto")
-SHOWN_WINDOW = 10
+SHOWN_WINDOW = (10, 100)  # looks in the figure's sliding estimate: a fiftieth of the log, within these
 WORK = 2_000_000  # looks simulated in a bootstrap, at most
 Floats = NDArray[np.float64]
 
@@ -126,7 +127,7 @@ def rcs(
             rows += window_rows(w, how, chosen, among, model_s)
     if per_track and len(gathered.targets) > 1:
         rows += _target_rows(gathered, bins, own.fold_aspect, how, chosen, among)
-    length = window or SHOWN_WINDOW
+    length = window or int(np.clip(len(gathered.looks) // 50, *SHOWN_WINDOW))
     slid = _sliding(gathered, length, CASES[chosen], how)
     if window is not None:
         rows += [row for name, columns in slid.items() for row in _sliding_rows(name, columns, length)]
@@ -170,7 +171,8 @@ def rcs(
             "counts": dict(gathered.counts),
         },
         problems=tuple(problems),
-        series=_series(gathered, binned, windows, all_fits, fits, cases, chosen, law, model_s, slid),
+        series=_series(gathered, binned, windows, all_fits, fits, cases, chosen, law, model_s, slid,
+                       confidence, own.fold_aspect),  # fmt: skip
     )
 
 
@@ -348,11 +350,13 @@ def _sliding_rows(name: str, slid: Slid, length: int) -> list[Estimate]:
 def _series(
     gathered: Gathered, binned: Gathered, windows: Windows, all_fits: Mapping[str, CaseFit],
     fits: Mapping[str, CaseFit], cases: tuple[Case, ...], chosen: str, law: RangeLaw | None, model_s: Floats,
-    slid: Mapping[str, Slid],
+    slid: Mapping[str, Slid], confidence: float, fold: bool,
 ) -> dict[str, Mapping[str, list[float]]]:  # fmt: skip
     series: dict[str, Mapping[str, list[float]]] = {}
     for name, s in slid.items():
         series[f"sliding/{name}"] = sliding_series(s["time_s"], s["s"], s["low"], s["high"], s["hits"])
+    if np.isfinite(gathered.aspect_rad).any():
+        series["aspect"] = _aspect_series(gathered, CASES[chosen], confidence, fold)
     if law is not None:
         series["curve"] = curve_series(law, CASES[chosen], model_s)
     sizes = windows.last - windows.first
@@ -363,6 +367,24 @@ def _series(
         of_look = {c.name: np.full(len(gathered.looks), all_fits[c.name].s[0]) for c in cases}
         series |= amplitude_series(gathered, of_look, cases)
     return series
+
+
+def _aspect_series(gathered: Gathered, case: Case, confidence: float, fold: bool) -> dict[str, list[float]]:
+    """Mean RCS in steps of aspect, with the profile interval; NaN where nothing was detected."""
+    bins = Bins("aspect", USUAL_WIDTH["aspect"])
+    places, order, windows = _places(gathered, bins, fold, [])
+    looks = gathered.looks.take(order)
+    found = fit(looks, windows, case)
+    low, high = profile_interval(looks, windows, case, found, confidence)
+    bounded = (found.s > 0) & np.isfinite(found.s)
+    return {
+        "low_rad": [p.low for p in places],
+        "high_rad": [p.high for p in places],
+        "rcs_m2": np.where(bounded, found.s, np.nan).tolist(),
+        "low_m2": low.tolist(),
+        "high_m2": high.tolist(),
+        "looks": (windows.last - windows.first).astype(float).tolist(),
+    }
 
 
 __all__ = ["METHODS", "MISS", "SWERLING", "rcs"]

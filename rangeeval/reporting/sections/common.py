@@ -16,6 +16,9 @@ _CANNOT_SEE = (
 )
 
 
+_NAMES = {"rcs": "Detection probability and RCS"}
+
+
 def summary_section(results: Sequence[Result], summary_figure: Callable[[Result], Figure | None]) -> Section:
     """Verdicts first, then the headline numbers of every analysis, then what a reader must not overlook."""
     blocks: list[Block] = []
@@ -38,7 +41,8 @@ def summary_section(results: Sequence[Result], summary_figure: Callable[[Result]
 def _headline_caption(result: Result) -> str:
     confidence = result.settings.get("confidence")
     interval = f", each with its {confidence * 100:g} % interval" if confidence else ""
-    return f"{result.analysis.capitalize()} per bin{interval}; digits follow the interval"
+    name = _NAMES.get(result.analysis, result.analysis.capitalize())
+    return f"{name} per bin{interval}; digits follow the interval"
 
 
 def verdict_notices(result: Result) -> list[Block]:
