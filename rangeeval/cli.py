@@ -263,7 +263,7 @@ def _is_results(path: Path) -> bool:
 
 
 def _pair(text: str) -> tuple[str, float]:
-    name, sign, value = text.partition("=")
+    name, _, value = text.partition("=")
     try:
         return name.strip(), float(value)
     except ValueError:
