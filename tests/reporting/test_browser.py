@@ -85,9 +85,7 @@ def test_a_page_of_a_range_bin_zooms_together_and_resets(page: Browser, tmp_path
         ("mouseMoved", 80, 60),
         ("mouseReleased", 80, 60),
     ):
-        page.call(
-            "Input.dispatchMouseEvent", type=kind, x=x + dx, y=y + dy, button="left", buttons=1, clickCount=1
-        )
+        page.call("Input.dispatchMouseEvent", type=kind, x=x + dx, y=y + dy, button="left", buttons=1, clickCount=1)
     time.sleep(0.3)
     after = page.evaluate(read)
     assert after != before
@@ -112,9 +110,7 @@ def test_markup_in_any_text_is_inert(page: Browser, tmp_path: Path, number: int)
         " return [b.x, b.y, b.width, b.height]; })()"
     )
     for across in (0.3, 0.5, 0.52):
-        page.call(
-            "Input.dispatchMouseEvent", type="mouseMoved", x=box[0] + across * box[2], y=box[1] + 0.5 * box[3]
-        )
+        page.call("Input.dispatchMouseEvent", type="mouseMoved", x=box[0] + across * box[2], y=box[1] + 0.5 * box[3])
     assert page.complaints() == []
     assert page.requests() == []
 
@@ -155,8 +151,7 @@ def test_without_script_the_still_pictures_show(page: Browser, tmp_path: Path) -
     try:
         page.open(_write(tmp_path, demo(bins=1, overviews=1, clouds=0)))
         assert page.evaluate(
-            "[...document.querySelectorAll('figure img')].every("
-            "(i) => getComputedStyle(i).display === 'block')"
+            "[...document.querySelectorAll('figure img')].every((i) => getComputedStyle(i).display === 'block')"
         )
         assert page.evaluate("document.querySelectorAll('figure.live').length") == 0
     finally:
