@@ -103,7 +103,6 @@ def counts(line: Line) -> str:
 def verdict_table(result: Result, *, caption: str) -> Table:
     """Every verdict of `check`: the estimate, the bound that decided, and how much more data would decide."""
     body: list[list[str | Cell]] = []
-    requirements = result.settings["requirements"]
     for row in result.rows:
         extra = row.extra
         number = int(extra["requirement"])
@@ -113,7 +112,7 @@ def verdict_table(result: Result, *, caption: str) -> Table:
         )
         body.append(
             [
-                requirements[number - 1]["name"] or quantity_name(row.quantity),
+                f"{number}. {quantity_name(row.quantity)}",
                 bin_text(row),
                 str(row.n),
                 f"{estimate_text(row)} {unit.unit}",

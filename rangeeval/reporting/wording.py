@@ -121,7 +121,7 @@ def edges_text(variable: str, low: float, high: float) -> str:
 
 def span_text(low: str, high: str) -> str:
     """From one number to another, on one line."""
-    return f"{low}{NBSP}to{NBSP}{high}"
+    return MISSING if low == high == MISSING else f"{low}{NBSP}to{NBSP}{high}"
 
 
 def flags_text(flags: Iterable[str]) -> str:

@@ -358,6 +358,35 @@ def test_assessed_sigma_is_the_true_one_for_constant_velocity():
         assert row(result, "range_sigma", low=low).value == pytest.approx(np.std(error[inside]), rel=0.06)
 
 
+def filtered(rng, n, alpha, beta, design):
+    """Residuals of an alpha-beta filter that follows a target of white acceleration `design` in unit noise."""
+    residual = np.empty(n)
+    x = v = estimate = speed = 0.0
+    for k in range(n):
+        a = rng.standard_normal() * design
+        x, v = x + v + a / 2, v + a
+        predicted = estimate + speed
+        residual[k] = x + rng.standard_normal() - predicted
+        estimate, speed = predicted + alpha * residual[k], speed + beta * residual[k]
+    return residual
+
+
+@pytest.mark.parametrize("alpha", [0.2, 0.3, 0.5])
+def test_manoeuvre_far_beyond_the_design_is_flagged(alpha):
+    """At six times the design acceleration, where intervals under-cover, the flag is up in 19 of 20 logs of 150 updates."""
+    from rangeeval.tracking.alpha_beta import tracking_index
+
+    beta = float(beta_from_alpha(alpha))
+    flagged = 0
+    for seed in range(20):
+        residual = filtered(np.random.default_rng(seed), 300, alpha, beta, 6 * float(tracking_index(alpha, beta)))
+        data = columns(150)
+        data["range_residual_m"] = residual[150:]
+        data["alpha_range"][:], data["beta_range"][:] = alpha, beta
+        flagged += "manoeuvre" in row(accuracy(trial_of(data), Bins()), "range_sigma").flags
+    assert flagged >= 19
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("alpha", "sigma_a"), [(0.5, 0.0), (0.3, 0.0), (0.5, 1.0), (0.7, 1.0)])
 def test_intervals_of_the_whole_analysis_cover(alpha, sigma_a):
@@ -372,15 +401,7 @@ def test_intervals_of_the_whole_analysis_cover(alpha, sigma_a):
     truth = float(np.sqrt(residual_autocovariance(alpha, beta, 0, sigma_a=design)[0]))
     held = 0
     for seed in range(400):
-        rng = np.random.default_rng(seed)
-        residual = np.empty(400)
-        x = v = estimate = speed = 0.0
-        for k in range(400):
-            a = rng.standard_normal() * design
-            x, v = x + v + a / 2, v + a
-            predicted = estimate + speed
-            residual[k] = x + rng.standard_normal() - predicted
-            estimate, speed = predicted + alpha * residual[k], speed + beta * residual[k]
+        residual = filtered(np.random.default_rng(seed), 400, alpha, beta, design)
         data = columns(400)
         data["range_residual_m"] = residual
         data["alpha_range"][:], data["beta_range"][:] = alpha, beta

@@ -330,7 +330,7 @@ def _add_axis(
 
 
 _LEFT_OUT = {
-    "startup": "start-up after a track begins, restarts or changes its gains (first 11/alpha updates) left out, by axis",
+    "startup": "start-up after a track begins, restarts or changes its gains (first 11/alpha) left out, by axis",
     "unusable": "residual, prediction or gains missing, or gains outside the stability triangle, by axis",
 }
 
