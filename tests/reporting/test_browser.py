@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
+import rangeeval
 from rangeeval.reporting import Document, render_html
+from rangeeval.scenarios import simulate_alpha_beta
 from tests.reporting.browser import Browser, browser, find_browser
 from tests.reporting.demo import demo
 from tests.reporting.hostile import STRINGS, hostile_document
@@ -60,6 +62,18 @@ def test_thirty_plots_of_ten_thousand_points(page: Browser, tmp_path: Path) -> N
     inked = _inked(page)
     assert len(inked) >= 31
     assert all(inked)
+    assert page.complaints() == []
+    assert page.requests() == []
+
+
+def test_a_real_report_comes_alive(page: Browser, tmp_path: Path) -> None:
+    """The report on a simulated trial: every panel drawn, not a word on the console, no request."""
+    simulate_alpha_beta(tmp_path / "trial", seed=1, flights=1)
+    rangeeval.report(rangeeval.open_trial(tmp_path / "trial"), tmp_path / "out")
+    page.open(tmp_path / "out" / "report.html")
+    assert float(page.wait("document.documentElement.dataset.firstPlot")) < 3000
+    page.scroll_through()
+    assert all(_inked(page))
     assert page.complaints() == []
     assert page.requests() == []
 
