@@ -103,11 +103,6 @@ class RadarEquation:
 
 
 VARIABLES = ("range", "azimuth", "elevation", "snr", "aspect", "time")
-# The width of bins of a variable when only the variable is asked for, in its stored unit.
-USUAL_WIDTH = {
-    "range": 5000.0, "azimuth": math.radians(5), "elevation": math.radians(5), "snr": 3.0,
-    "aspect": math.radians(15), "time": 60.0,
-}  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,6 @@ from rangeeval.analyses.rcs.numbers import (
 from rangeeval.analyses.rcs.series import amplitude_series, curve_series, sliding_series
 from rangeeval.errors import InputError, SettingsError, did_you_mean
 from rangeeval.model import Bins, Estimate, Problem, Result, Trial, as_trial
-from rangeeval.model.settings import USUAL_WIDTH
 from rangeeval.physics.radar_equation import sphere_rcs
 from rangeeval.stats.swerling import CASES, MISS, Case, Looks, Windows
 from rangeeval.stats.swerling.fitness import FEW_LOOKS, Choice, bootstrap, choose, free_shape, homogeneity, measures
@@ -43,6 +42,7 @@ from rangeeval.stats.swerling.likelihood import detections, fit, profile_interva
 METHODS = ("ml-a", "em-a", "ml-b", "em-b", "med")
 SWERLING = (*CASES, "auto")
 SHOWN_WINDOW = (10, 100)  # looks in the figure's sliding estimate: a fiftieth of the log, within these
+ASPECT_STEP = math.radians(15.0)  # of the figure over aspect
 WORK = 2_000_000  # looks simulated in a bootstrap, at most
 Floats = NDArray[np.float64]
 
@@ -371,7 +371,7 @@ def _series(
 
 def _aspect_series(gathered: Gathered, case: Case, confidence: float, fold: bool) -> dict[str, list[float]]:
     """Mean RCS in steps of aspect, with the profile interval; NaN where nothing was detected."""
-    bins = Bins("aspect", USUAL_WIDTH["aspect"])
+    bins = Bins("aspect", ASPECT_STEP)
     places, order, windows = _places(gathered, bins, fold, [])
     looks = gathered.looks.take(order)
     found = fit(looks, windows, case)

@@ -16,7 +16,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import chdtrc, ndtri
 
 from rangeeval.compiled import compiled
-from rangeeval.stats.swerling.likelihood import Fit, _arguments, detections, fit, maximum_likelihood
+from rangeeval.stats.swerling.likelihood import Fit, arguments, detections, fit, maximum_likelihood
 from rangeeval.stats.swerling.looks import Case, Looks, Windows
 from rangeeval.stats.swerling.terms import DETECTION, detection_probability_of
 
@@ -97,7 +97,7 @@ def measures(looks: Looks, windows: Windows, case: Case, s: Floats) -> Measures:
     """The distances from the model at mean RCS `s`."""
     ks, ad, expected = (np.empty(len(windows)) for _ in range(3))
     u = np.full(len(looks), np.nan)
-    _measures(*_arguments(looks, case), windows.first, windows.last, s, ks, ad, expected, u)
+    _measures(*arguments(looks, case), windows.first, windows.last, s, ks, ad, expected, u)
     return Measures(ks, ad, expected, u)
 
 

@@ -262,7 +262,8 @@ class Fit:
         return np.asarray(2.0 - 2.0 * self.value)
 
 
-def _arguments(looks: Looks, case: Case) -> tuple[object, ...]:
+def arguments(looks: Looks, case: Case) -> tuple[object, ...]:
+    """What every kernel takes first."""
     return (
         looks.kind,
         looks.z,
@@ -274,7 +275,8 @@ def _arguments(looks: Looks, case: Case) -> tuple[object, ...]:
     )
 
 
-def _quick(looks: Looks, case: Case) -> int:
+def quick_case(looks: Looks, case: Case) -> int:
+    """1 or 3 where that case has its closed form for these looks, else 0."""
     plain = looks.cells == 1.0 and bool((looks.pulses == 1).all()) and bool((looks.kind <= DETECTION).all())
     return {1.0: 1, 2.0: 3}.get(case.shape, 0) if plain else 0
 
@@ -282,7 +284,7 @@ def _quick(looks: Looks, case: Case) -> int:
 def log_likelihood(looks: Looks, windows: Windows, case: Case, s: Floats) -> tuple[Floats, Floats, Floats]:
     """lnL of each window at mean RCS `s` above zero, and its two derivatives in ln s."""
     value, slope, bend = (np.empty(len(windows)) for _ in range(3))
-    _values(*_arguments(looks, case), windows.first, windows.last, np.asarray(s, np.float64), value, slope, bend)
+    _values(*arguments(looks, case), windows.first, windows.last, np.asarray(s, np.float64), value, slope, bend)
     return value, slope, bend
 
 
@@ -293,7 +295,7 @@ def maximum_likelihood(looks: Looks, windows: Windows, case: Case, near: ArrayLi
     """
     u = np.empty(len(windows))
     start = np.ascontiguousarray(np.broadcast_to(np.asarray(near, np.float64), len(windows)))
-    _maximise(*_arguments(looks, case), _quick(looks, case), windows.first, windows.last, start, u)
+    _maximise(*arguments(looks, case), quick_case(looks, case), windows.first, windows.last, start, u)
     with np.errstate(over="ignore"):
         return np.exp(u)
 
@@ -324,7 +326,7 @@ def profile_interval(
     low, high = np.zeros(len(windows)), np.full(len(windows), np.inf)
     alpha = _largest_alpha(looks, windows)
     inside = (found.s > 0) & np.isfinite(found.s)
-    none = _detections(looks, windows) == 0
+    none = detections(looks, windows) == 0
     start = np.log(np.where(inside, found.s, np.where(np.isfinite(found.s), 1e-3, 1e9) / alpha))
     with np.errstate(invalid="ignore"):
         reach = np.where(inside, np.sqrt(2 * cut / np.maximum(-found.bend, 1e-6)), 1.0)
@@ -336,14 +338,14 @@ def profile_interval(
         target = np.where(none | np.isinf(found.s), exact, found.value - cut)[wanted]
         out = np.empty(int(wanted.sum()))
         _crossings(
-            *_arguments(looks, case), windows.first[wanted], windows.last[wanted], start[wanted], target,
+            *arguments(looks, case), windows.first[wanted], windows.last[wanted], start[wanted], target,
             reach[wanted], side, out,
         )  # fmt: skip
         end[wanted] = np.exp(out)
     return low, high
 
 
-def _detections(looks: Looks, windows: Windows) -> NDArray[np.int64]:
+def detections(looks: Looks, windows: Windows) -> NDArray[np.int64]:
     """How many looks of each window saw the target."""
     total = np.concatenate([[0], np.cumsum(looks.kind != MISS)])
     return np.asarray(total[windows.last] - total[windows.first], dtype=np.int64)
@@ -352,5 +354,3 @@ def _detections(looks: Looks, windows: Windows) -> NDArray[np.int64]:
 def _largest_alpha(looks: Looks, windows: Windows) -> Floats:
     return np.array([looks.alpha[a:b].max() for a, b in zip(windows.first, windows.last, strict=True)])
 
-
-detections = _detections

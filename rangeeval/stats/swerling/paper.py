@@ -16,15 +16,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rangeeval.compiled import compiled
-from rangeeval.stats.swerling.likelihood import _arguments
+from rangeeval.stats.swerling.likelihood import arguments, quick_case
 from rangeeval.stats.swerling.looks import Case, Looks, Windows
 from rangeeval.stats.swerling.terms import (
     DETECTION,
     HIT,
     MISS,
-    below_terms,
     detection_probability_of,
+    level_below,
     look_terms,
+    quick_value,
 )
 
 Floats = NDArray[np.float64]
@@ -36,21 +37,15 @@ _NODES, _WEIGHTS = (np.ascontiguousarray(a) for a in np.polynomial.legendre.legg
 
 
 @compiled
-def _level_below(t, n, s, shape):  # type: ignore[no-untyped-def]
-    """g2: the mean of z given that it stayed below the threshold (eq. 14, without its cancellation)."""
-    return below_terms(t, n, n * s, shape)[3]
-
-
-@compiled
 def _expected(kind, z, t, n, s, shape):  # type: ignore[no-untyped-def]
     """The mean of z given what the look shows."""
     if kind == DETECTION:
         return z
     if kind == MISS:
-        return _level_below(t, n, s, shape)
+        return level_below(t, n, s, shape)
     limit = t if kind == HIT else z
     seen = detection_probability_of(limit, n, s, shape)
-    return (n * (1.0 + s) - (1.0 - seen) * _level_below(limit, n, s, shape)) / seen
+    return (n * (1.0 + s) - (1.0 - seen) * level_below(limit, n, s, shape)) / seen
 
 
 @compiled
@@ -64,7 +59,7 @@ def _mean_of_moments(kind, z, threshold, alpha, pulses, shape, first, last, s): 
         elif kind[k] == MISS:
             if a != seen_a or threshold[k] != seen_t:
                 seen_a, seen_t = a, threshold[k]
-                level = _level_below(seen_t, n, a * s, shape[k])
+                level = level_below(seen_t, n, a * s, shape[k])
             y = level
         else:
             y = _expected(kind[k], z[k], threshold[k], n, a * s, shape[k])
@@ -122,8 +117,18 @@ def _argmax_q(kind, z, threshold, alpha, shape, first, last, old):  # type: igno
 
 
 @compiled
+def _plain_value(kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, s):  # type: ignore[no-untyped-def]
+    if quick:
+        return quick_value(kind, z, threshold, alpha, shape[first], first, last, s)
+    value = 0.0
+    for k in range(first, last):
+        value += look_terms(kind[k], z[k], threshold[k], pulses[k], alpha[k] * s, shape[k], cells)[0]
+    return value
+
+
+@compiled
 def _iterate(  # type: ignore[no-untyped-def]
-    kind, z, threshold, alpha, pulses, shape, cells, firsts, lasts, start, method, absolute, relative, out, steps, why
+    kind, z, threshold, alpha, pulses, shape, cells, quick, firsts, lasts, start, method, absolute, relative, out, steps, why
 ):
     """`method` 0: ML-B (guard on lnL), 1: EM-B (guard on Q), 2: EM-A (Q maximised)."""
     for i in range(len(firsts)):
@@ -143,9 +148,7 @@ def _iterate(  # type: ignore[no-untyped-def]
             continue
         known = -math.inf
         if method == 0 and s > 0.0:
-            known = 0.0
-            for k in range(first, last):
-                known += look_terms(kind[k], z[k], threshold[k], pulses[k], alpha[k] * s, shape[k], cells)[0]
+            known = _plain_value(kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, s)
         while steps[i] < _MOST:
             steps[i] += 1
             if method == 2 and s > 0.0:
@@ -156,9 +159,7 @@ def _iterate(  # type: ignore[no-untyped-def]
                 s, why[i] = 0.0, CONVERGED
                 break
             if method == 0:
-                value = 0.0
-                for k in range(first, last):
-                    value += look_terms(kind[k], z[k], threshold[k], pulses[k], alpha[k] * new, shape[k], cells)[0]
+                value = _plain_value(kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, new)
                 if value < known:
                     why[i] = GUARD
                     break
@@ -213,7 +214,7 @@ def iterate(
     why = np.empty(len(windows), np.int8)
     begin = np.ascontiguousarray(np.broadcast_to(np.asarray(start, np.float64), len(windows)))
     _iterate(
-        *_arguments(looks, case), windows.first, windows.last, begin, METHODS[method], absolute, relative,
+        *arguments(looks, case), quick_case(looks, case) > 0, windows.first, windows.last, begin, METHODS[method], absolute, relative,
         out, steps, why,
     )  # fmt: skip
     return out, steps, why

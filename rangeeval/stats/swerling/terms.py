@@ -233,6 +233,57 @@ def density_slope_three(z, s):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def level_below(t, n, s, shape):  # type: ignore[no-untyped-def]
+    """E[z | z < t], the paper's g2 (eq. 14) without its cancellation; `s`: mean SNR per pulse."""
+    if n != 1 or (shape != 1.0 and shape != 2.0):
+        return below_terms(t, n, n * s, shape)[3]
+    b = 1.0 + s / shape
+    x = t / b
+    two = _lower_two(x)
+    if shape == 1.0:
+        return b * two / -math.expm1(-x)
+    e = math.exp(-x)
+    if x > 0.6:
+        three = two - 0.5 * e * x * x
+    else:
+        term, three, k = x * x * x / 6.0, 0.0, 3.0
+        while term > 1e-18 * three:
+            three += term
+            k += 1.0
+            term *= x / k
+        three *= e
+    return (s * three + two) / (two + x * e / b)
+
+
+@compiled
+def quick_value(kind, z, threshold, alpha, shape, first, last, s):  # type: ignore[no-untyped-def]
+    """lnL of detections and misses of single pulses, Swerling 1 or 3: one logarithm for many looks."""
+    total, product = 0.0, 1.0
+    seen_a, seen_t, missed = -1.0, -1.0, 1.0
+    for k in range(first, last):
+        a = alpha[k] * s
+        if kind[k] == MISS:
+            if alpha[k] != seen_a or threshold[k] != seen_t:
+                seen_a, seen_t = alpha[k], threshold[k]
+                b = 1.0 + a / shape
+                x = seen_t / b
+                missed = -math.expm1(-x) if shape == 1.0 else _lower_two(x) + x * math.exp(-x) / b
+            product *= missed
+        elif shape == 1.0:
+            v = 1.0 / (1.0 + a)
+            total -= z[k] * v
+            product *= v
+        else:
+            v = 1.0 / (2.0 + a)
+            total -= 2.0 * z[k] * v
+            product *= 4.0 * (a * (z[k] + 1.0) + 2.0) * v * v * v
+        if not 1e-200 < product < 1e200:
+            total += math.log(product)
+            product = 1.0
+    return total + math.log(product)
+
+
+@compiled
 def _below(t, n, s, shape):  # type: ignore[no-untyped-def]
     if n == 1 and shape == 1.0:
         p, d1, d2 = miss_one(t, s)
