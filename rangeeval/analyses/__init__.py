@@ -33,6 +33,7 @@ class Analysis:
 
 ANALYSES: dict[str, Analysis] = {
     "accuracy": Analysis("rangeeval.analyses.accuracy:accuracy", needs=("residuals",)),
+    "attitude": Analysis("rangeeval.analyses.attitude:attitude", needs=("tilt",)),
 }
 
 
