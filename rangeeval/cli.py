@@ -41,10 +41,18 @@ paths = click.argument("trial", nargs=-1, required=True, type=click.Path(path_ty
 
 
 def analysis_options(command: Command) -> Command:
-    """Options that every analysis takes."""
+    """Options that every analysis takes: the form of its result, and how it is binned."""
     for option in (
         click.option("--format", "form", type=click.Choice(["table", "json", "csv"]), help="Default: table."),
         click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="Write to this file."),
+    ):
+        command = option(command)
+    return bin_options(command)
+
+
+def bin_options(command: Command) -> Command:
+    """Confidence and bins; what is not given is the trial's own."""
+    for option in (
         click.option("--confidence", type=float, default=0.95, show_default=True, help="Of the two-sided intervals."),
         click.option("--bin-width", type=float, help="Width of the bins, in the variable's SI unit (m, rad, dB, s)."),
         click.option("--bin-start", type=float, help="Where the first bin starts."),
@@ -71,8 +79,9 @@ def estimator_option(command: Command) -> Command:
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder to write."
 )
-@click.option("--confidence", type=float, default=0.95, show_default=True, help="Of the two-sided intervals.")
-def report(trial: tuple[Path, ...], output: Path, confidence: float) -> None:
+@bin_options
+@estimator_option
+def report(trial: tuple[Path, ...], output: Path, confidence: float, estimator: str, **bins: Any) -> None:
     """Read, analyse all that the logs allow, and write report.html, report.pdf and results.json.
 
     Given a results.json instead of a trial, the report is rebuilt from it alone. Several trial folders give a
@@ -86,8 +95,10 @@ def report(trial: tuple[Path, ...], output: Path, confidence: float) -> None:
         if len(job) == 1 and _is_results(job[0]):
             written = flow.write_report(flow.read_results(job[0]), folder)
         else:
+            one = opened(job)
+            plan = flow.Plan(bins=bins_of(one, **bins), confidence=confidence, estimator=estimator)
             with progress("reading") as advance:
-                written = flow.report(opened(job), folder, flow.Plan(confidence=confidence), advance)
+                written = flow.report(one, folder, plan, advance)
         for path in written:
             click.echo(path)
 
@@ -319,7 +330,7 @@ def _is_results(path: Path) -> bool:
 
 
 def _pair(text: str) -> tuple[str, float]:
-    name, sign, value = text.partition("=")
+    name, _, value = text.partition("=")
     try:
         return name.strip(), float(value)
     except ValueError:

@@ -51,7 +51,8 @@ def evaluate(trial: Trial, plan: Plan | None = None, progress: Progress | None =
     origin = provenance(trial)
     results = []
     for name in chosen:
-        found = known[name].load()(trial, plan.bins, confidence=plan.confidence, progress=progress)
+        own = {option: getattr(plan, option) for option in known[name].takes}
+        found = known[name].load()(trial, plan.bins, confidence=plan.confidence, progress=progress, **own)
         results.append(replace(found, problems=(*trial.problems, *found.problems), provenance=origin))
     if trial.settings.requirements:
         results.append(check(trial, plan, {r.analysis: r for r in results}, progress))

@@ -88,7 +88,10 @@
   }, { rootMargin: "250px" });
   Bokeh.set_log_level("error");
   document.documentElement.dataset.booted = Math.round(started);
-  for (const figure of document.querySelectorAll("[data-plot]")) watch.observe(figure);
+  const figures = [...document.querySelectorAll("[data-plot]")];
+  // The first is alive before the reader comes to it; the others when they come near.
+  if (figures.length) queue = queue.then(() => embed(figures[0]));
+  for (const figure of figures.slice(1)) watch.observe(figure);
 
   // The table of contents shows where the reader is.
   const links = new Map();

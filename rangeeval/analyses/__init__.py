@@ -15,10 +15,15 @@ from rangeeval.model import Result, Trial
 
 @dataclass(frozen=True)
 class Analysis:
-    """An analysis: where its function is, and the kinds of log without which it has nothing to say."""
+    """An analysis: where its function is, the logs without which it has nothing to say, and its own options.
+
+    The function is called with the trial, bins, `confidence`, `progress` and those attributes of a plan that `takes`
+    names.
+    """
 
     function: str
     needs: tuple[str, ...]
+    takes: tuple[str, ...] = ()
 
     def load(self) -> Callable[..., Result]:
         """The function itself (imported now, not before it is needed)."""
@@ -32,7 +37,9 @@ class Analysis:
 
 
 ANALYSES: dict[str, Analysis] = {
-    "accuracy": Analysis("rangeeval.analyses.accuracy:accuracy", needs=("residuals",)),
+    "accuracy": Analysis(
+        "rangeeval.analyses.accuracy:accuracy", needs=("residuals",), takes=("estimator", "per_track")
+    ),
     "attitude": Analysis("rangeeval.analyses.attitude:attitude", needs=("tilt",)),
 }
 

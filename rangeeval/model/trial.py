@@ -47,8 +47,9 @@ class Trial:
         logs = self.of_kind(kind)
         if not logs:
             held = ", ".join(sorted({log.kind for log in self.logs})) or "no log that was recognised"
+            unread = "".join(f" ({p})" for p in self.problems[:3])
             raise InputError(
-                f"no log of kind '{kind}' in {self.name}; it holds {held}. "
+                f"no log of kind '{kind}' in {self.name}; it holds {held}{unread}. "
                 f"'rangeeval inspect {self.name}' shows what was recognised"
             )
         if len(logs) > 1:

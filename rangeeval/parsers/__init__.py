@@ -119,7 +119,8 @@ def _trial(name: str, files: Sequence[SourceFile], settings: TrialSettings, *, m
         format_name, contents = _read(file, known)
         if not contents.logs:
             if must or file.settings is not None:
-                raise InputError(f"{file.name}: not recognised as a log: {contents.unrecognised}")
+                why = contents.unrecognised or "it is a report, a picture or settings"
+                raise InputError(f"{file.name}: not recognised as a log: {why}")
             if contents.unrecognised:
                 problems.append(Problem(file.name, f"not recognised as a log: {contents.unrecognised}"))
             continue

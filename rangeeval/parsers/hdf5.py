@@ -29,6 +29,8 @@ FILTERS = frozenset({1, 2, 3, 4, 32000})
 # deflate cannot do better than 1032 to 1; a file that declares more holds rows that were never written.
 _MOST_EXPANSION = 1100
 _SMALL = 64 << 20
+READ_IN_CHILD = 1 << 20
+_SHUFFLE, _FLETCHER32 = 2, 3
 
 
 def recognises(head: bytes, path: Path) -> bool:
@@ -67,6 +69,16 @@ def read(file: SourceFile) -> Contents:
     return Contents(tuple(logs), tuple(problems))
 
 
+def _open(h5py: Any, path: str | Path, **options: Any) -> Any:
+    """The file, also where it lies on a share without locks; HDF5 wants the same answer of all who have it open."""
+    try:
+        return h5py.File(path, "r", **options)
+    except OSError as error:
+        if "lock" not in str(error):
+            raise
+        return h5py.File(path, "r", locking=False, **options)
+
+
 def _reader(path: Path, where: str, table: dict[str, Any], usable: list[dict[str, Any]]) -> Any:
     def blocks(fields: Sequence[Field]) -> Iterator[Block]:
         import h5py
@@ -79,7 +91,7 @@ def _reader(path: Path, where: str, table: dict[str, Any], usable: list[dict[str
         if chunk_bytes and sum(chunk_bytes) <= _CACHE_BYTES:
             options = {"rdcc_nbytes": max(1 << 20, *chunk_bytes), "rdcc_nslots": 101, "rdcc_w0": 1.0}
         try:
-            with h5py.File(path, "r", locking=False, **options) as f:
+            with _open(h5py, path, **options) as f:
                 read_piece = _table_pieces(f, table, wanted) if table["form"] != "group" else _piece(f, wanted)
                 for start in range(0, rows, CHUNK_ROWS):
                     stop = min(rows, start + CHUNK_ROWS)
@@ -141,7 +153,7 @@ def audit(path: str) -> dict[str, Any]:
     import h5py
 
     try:
-        file = h5py.File(path, "r", locking=False)
+        file = _open(h5py, path)
     except OSError as error:
         text = str(error)
         if "truncated" in text:
@@ -160,7 +172,7 @@ class _Audit:
         self.seen: set[Any] = set()
         self.tables: list[dict[str, Any]] = []
         self.notes: list[str] = []
-        self.file = file
+        self.size = file.id.get_filesize()
 
     def group(self, group: Any, path: str, depth: int) -> None:
         if depth > MAX_DEPTH:
@@ -219,8 +231,16 @@ class _Audit:
                 raise InputError(
                     f"'{shown}' is stored in chunks of {chunk_bytes} bytes; at most {MAX_CHUNK_BYTES} are read"
                 )
-            dataset.id.get_num_chunks()  # walks the index of the chunks
+            self.chunks(dataset, plist, shown, chunk_bytes)
         size = int(np.prod(shape, dtype=object)) * dtype.itemsize
+        # What a reader does to the values can crash too: where they are few, they are all read here first.
+        if 0 < size <= READ_IN_CHILD and (dtype.names or _kind(dtype, self.h5py) != "other"):
+            try:
+                dataset[()]
+            except (OSError, RuntimeError, ValueError, TypeError) as error:
+                raise InputError(
+                    f"'{shown}' cannot be read, the file is damaged or cut off ({one_line(error, 120)})"
+                ) from error
         if size > _SMALL and size > _MOST_EXPANSION * max(dataset.id.get_storage_size(), 1):
             raise InputError(f"'{shown}' declares {rows} rows and stores {dataset.id.get_storage_size()} bytes")
         described = {"rows": rows, "chunk_rows": chunk_rows, "chunk_bytes": chunk_bytes, "path": path}
@@ -235,6 +255,26 @@ class _Audit:
                 return
             fields = [{**described, "name": n, "kind": "number", "index": i} for i, n in enumerate(names)]
             self.tables.append({"path": path, "form": "matrix", "columns": fields, **self.attributes(dataset)})
+
+    def chunks(self, dataset: Any, plist: Any, shown: str, chunk_bytes: int) -> None:
+        """Look at every stored chunk. HDF5 itself believes an index that lies about them, and crashes on some lies."""
+        filters = [plist.get_filter(i)[0] for i in range(plist.get_nfilters())]
+        bad: list[str] = []
+
+        def look(chunk: Any) -> None:
+            fits = chunk.byte_offset + chunk.size <= self.size
+            # A bit of the mask is a filter that was skipped for this chunk (lzf, where it gains nothing).
+            used = [code for i, code in enumerate(filters) if not chunk.filter_mask >> i & 1]
+            checksums = 4 * used.count(_FLETCHER32)
+            plain = all(code in {_SHUFFLE, _FLETCHER32} for code in used)
+            whole = chunk.size == chunk_bytes + checksums if plain else chunk.size > checksums
+            # A compressor may give up and store a little more than it was given.
+            if not (fits and whole and chunk.size <= 2 * chunk_bytes + 4096):
+                bad.append(f"rows from {chunk.chunk_offset[0]} on")
+
+        dataset.id.chunk_iter(look)
+        if bad:
+            raise InputError(f"'{shown}' is damaged or cut off: its index does not fit the file at {bad[0]}")
 
     def attributes(self, item: Any) -> dict[str, Any]:
         return {"stage": self.text(item, "residual_stage"), "kind": None}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
@@ -13,15 +14,17 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from rangeeval.errors import InputError, one_line
-from rangeeval.model import Problem
+from rangeeval.model import CHUNK_ROWS, Problem
 from rangeeval.parsers.blocks import Block, Contents, SourceFile, Written, log_from
 from rangeeval.parsers.columns import Field, lay_out
 
-_BLOCK_ROWS = 250_000
 _MAX_MEMBERS = 10_000
 _MAX_ROW_BYTES = 1 << 16
-_DAMAGE = (ValueError, OSError, EOFError, zlib.error, zipfile.BadZipFile, NotImplementedError, RuntimeError,
-           KeyError, TypeError, OverflowError, SyntaxError, MemoryError, RecursionError)  # fmt: skip
+# What zipfile and NumPy raise on damaged files; reading a header of text even raises what a tokenizer does.
+_DAMAGE = (
+    ValueError, OSError, EOFError, zlib.error, zipfile.BadZipFile, NotImplementedError, RuntimeError, KeyError,
+    TypeError, OverflowError, SyntaxError, MemoryError, RecursionError, tokenize.TokenError,
+)  # fmt: skip
 
 
 def recognises_npz(head: bytes, path: Path) -> bool:
@@ -66,7 +69,7 @@ def _rows(stream: IO[bytes], dtype: np.dtype[Any], rows: int, where: str) -> Ite
     """The array's rows in blocks; a stream that ends early is an error."""
     done = 0
     while done < rows:
-        count = min(_BLOCK_ROWS, rows - done)
+        count = min(CHUNK_ROWS, rows - done)
         data = bytearray()
         while len(data) < count * dtype.itemsize:
             part = stream.read(count * dtype.itemsize - len(data))

@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 
 from rangeeval.errors import InputError, MissingExtra, one_line
-from rangeeval.model import Problem
+from rangeeval.model import CHUNK_ROWS, Problem
 from rangeeval.parsers.blocks import Block, Coded, Contents, SourceFile, Written, log_from
 from rangeeval.parsers.columns import Field, lay_out
-
-_BATCH_ROWS = 250_000
 
 
 def recognises(head: bytes, path: Path) -> bool:
@@ -57,7 +55,7 @@ def read(file: SourceFile) -> Contents:
         start = 0
         with _opened(file.path, file.name) as parquet:
             try:
-                for batch in parquet.iter_batches(_BATCH_ROWS, columns=[names[f.position] for f in fields]):
+                for batch in parquet.iter_batches(CHUNK_ROWS, columns=[names[f.position] for f in fields]):
                     columns = [_values(batch.column(names[f.position]), f.text) for f in fields]
                     yield Block(columns, start)
                     start += batch.num_rows

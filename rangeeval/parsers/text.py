@@ -229,16 +229,16 @@ def _decimal(file: SourceFile, layout: Layout, delimiter: str, sample: Sequence[
 
 def _blocks(file: SourceFile, dialect: Dialect, fields: Sequence[Field]) -> Iterator[Block]:
     parser = _Parser(file, dialect, fields)
-    for first, block in lines(file.path, file.name, dialect.encoding, dialect.mark):
-        count = block.count(b"\n")
+    for first, count, block in lines(file.path, file.name, dialect.encoding, dialect.mark):
         if first + count - 1 <= dialect.header:
             continue
         if first <= dialect.header:
             for _ in range(dialect.header - first + 1):
                 block = block[block.index(b"\n") + 1 :]
+            count -= dialect.header - first + 1
             first = dialect.header + 1
         if block:
-            yield parser.parse(first, block)
+            yield parser.parse(first, count, block)
 
 
 class _Parser:
@@ -251,7 +251,7 @@ class _Parser:
         self.separator = ord(" " if dialect.delimiter == BLANKS else dialect.delimiter)
         self.order = sorted(range(len(fields)), key=lambda i: fields[i].position)
 
-    def parse(self, first: int, block: bytes) -> Block:
+    def parse(self, first: int, count: int, block: bytes) -> Block:
         """The rows of a block; those that cannot be used are left out and named."""
         if not block.isascii():
             self._check_utf8(first, block)
@@ -261,7 +261,7 @@ class _Parser:
         problems: list[Problem] = []
         rows: NDArray[np.int64] | None = None
         good = block
-        if not self._fits(block):
+        if not self._fits(count, block):
             good, rows, problems = self._fitting(first, block)
         columns, kept, more = self._columns(good, first, rows)
         if kept is not None:
@@ -278,7 +278,7 @@ class _Parser:
                 f'say which encoding it is for this file under [[logs]] in trial.toml (encoding = "cp949")'
             ) from None
 
-    def _fits(self, block: bytes) -> bool:
+    def _fits(self, count: int, block: bytes) -> bool:
         """Whether every line has the right number of fields, no quote and no NUL: the usual case, at memory speed."""
         if b'"' in block or b"\0" in block:
             return False
@@ -289,7 +289,7 @@ class _Parser:
             return False
         last = ends[width - 1 :: width]
         # Every width-th mark is a line's end, and there are no more line ends than those: no row is longer or shorter.
-        if not bool((bytes_[last] == 10).all()) or len(last) != block.count(b"\n"):
+        if not bool((bytes_[last] == 10).all()) or len(last) != count:
             return False
         if width == 1 and (len(last) < 2 or int(np.diff(last).min()) < 2):
             return False  # a blank line is no row
@@ -454,6 +454,16 @@ class _Parser:
         text = next(csv.reader([line.decode("utf-8")], delimiter=chr(self.separator)))
         return [cell.encode("utf-8") for cell in text]
 
+    def _line_of_numbers(self) -> re.Pattern[bytes]:
+        """What a line looks like whose number columns plainly hold numbers: most lines need no closer look."""
+        separator = re.escape(bytes([self.separator]))
+        point = b"," if self.dialect.decimal == "," else b"[.]"
+        digits = b"(?:[0-9]+(?:%s[0-9]*)?|%s[0-9]+)" % (point, point)
+        number = b"(?:[+-]?%s(?:[eE][+-]?[0-9]+)?)?" % digits
+        wanted = {f.position for f in self.fields if not f.text}
+        cells = (number if i in wanted else b'[^"%s]*' % separator for i in range(self.dialect.fields))
+        return re.compile(separator.join(cells))
+
     def _numeric_lines(
         self, block: bytes, first: int, rows: NDArray[np.int64] | None
     ) -> tuple[NDArray[np.bool_], list[Problem]]:
@@ -463,7 +473,10 @@ class _Parser:
         examples: list[str] = []
         numbers = [f for f in self.fields if not f.text]
         comma = self.dialect.decimal == ","
+        plainly_good = self._line_of_numbers().fullmatch
         for i, line in enumerate(all_lines):
+            if plainly_good(line):
+                continue
             cells = self._cells(line)
             for f in numbers:
                 cell = cells[f.position].strip()

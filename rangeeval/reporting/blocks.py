@@ -69,9 +69,7 @@ class Table:
             if len(row) != columns:
                 raise ValueError(f"table '{self.caption}': row {number} has {len(row)} cells, not {columns}")
         if self.align and (len(self.align) != columns or set(self.align) - set("lcr")):
-            raise ValueError(
-                f"table '{self.caption}': align '{self.align}' is not {columns} letters of l, c, r"
-            )
+            raise ValueError(f"table '{self.caption}': align '{self.align}' is not {columns} letters of l, c, r")
 
     @property
     def alignment(self) -> str:
@@ -174,9 +172,7 @@ class Document:
 
     def __post_init__(self) -> None:
         if not (self.language.isascii() and self.language.isalpha() and 2 <= len(self.language) <= 3):
-            raise ValueError(
-                f"language '{self.language}' is not a code of two or three letters, such as 'en'"
-            )
+            raise ValueError(f"language '{self.language}' is not a code of two or three letters, such as 'en'")
 
 
 def outline(document: Document) -> list[tuple[Section, int, str]]:

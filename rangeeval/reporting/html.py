@@ -76,9 +76,7 @@ class _Placed:
             name = f"f{number}"
             self.plots[name] = plot_document(block, name, version)
             cells = [
-                panel is not None
-                for row in block.panels
-                for panel in [*row, *[None] * (block.columns - len(row))]
+                panel is not None for row in block.panels for panel in [*row, *[None] * (block.columns - len(row))]
             ]
             return {
                 "kind": kind,

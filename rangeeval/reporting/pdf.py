@@ -138,9 +138,6 @@ def _missing_glyphs(glyphs: Glyphs) -> str:
         "Some characters have no glyph in the installed typefaces and are printed as [U+code]; "
         "the HTML report shows them."
     )
-    if any(
-        0x1100 <= code <= 0x11FF or 0x3130 <= code <= 0x318F or 0xAC00 <= code <= 0xD7FF
-        for code in glyphs.missing
-    ):
+    if any(0x1100 <= code <= 0x11FF or 0x3130 <= code <= 0x318F or 0xAC00 <= code <= 0xD7FF for code in glyphs.missing):
         words += " For Korean: pip install 'rangeeval[korean]'."
     return words

@@ -119,9 +119,7 @@ def _plot(models: _Models, panel: Panel, x_range: Json, view: tuple[Range, Range
     )
 
 
-def _hover_tools(
-    models: _Models, panel: Panel, view: tuple[Range, Range], renderers: list[Json]
-) -> list[Json]:
+def _hover_tools(models: _Models, panel: Panel, view: tuple[Range, Range], renderers: list[Json]) -> list[Json]:
     """What the pointer tells of a sample: its values, and the ends of its interval where it has one."""
     across, up = _number_format(view[0]), _number_format(view[1])
     plain = [
@@ -188,9 +186,7 @@ def _axis(models: _Models, label: str, log: bool, view: Range) -> Json:
         ticker, formatter = _log_ticker(models, view), models.new("LogTickFormatter")
     else:
         ticker = models.new("BasicTicker", mantissas=[1, 2, 5], desired_num_ticks=6)
-        formatter = models.new(
-            "BasicTickFormatter", power_limit_low=-4, power_limit_high=7, use_scientific=not plain
-        )
+        formatter = models.new("BasicTickFormatter", power_limit_low=-4, power_limit_high=7, use_scientific=not plain)
     return models.new(
         "LogAxis" if log else "LinearAxis",
         ticker=ticker,
@@ -267,9 +263,7 @@ def _renderers(models: _Models, mark: Mark, panel: Panel) -> list[Json]:
         good = np.isfinite(x) & np.isfinite(low) & np.isfinite(high)
         columns = {"x": x[good], "low": low[good], "high": high[good]}
         return [
-            _renderer(
-                models, "VArea", columns, {k: {"type": "field", "field": v} for k, v in fields.items()} | area
-            )
+            _renderer(models, "VArea", columns, {k: {"type": "field", "field": v} for k, v in fields.items()} | area)
         ]
     if mark.kind == "stems":
         columns = {"x": x, "y": y, "floor": np.full(y.shape, floor)}

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 TEXT_WIDTH_PT = 487.0  # A4 less margins of 19 mm
-ROW_HEIGHT_PT = {"compact": 146.0, "normal": 172.0, "tall": 255.0}
+ROW_HEIGHT_PT = {"compact": 96.0, "normal": 172.0, "tall": 255.0}
 ROW_HEIGHT_PX = {"compact": 210, "normal": 300, "tall": 430}
 FONT_FAMILIES = ("DejaVu Sans", "NanumGothic")
 

@@ -74,9 +74,7 @@ class _Canvas:
 class _Axes:
     """The frame of one panel on the page, and the way from values to points."""
 
-    def __init__(
-        self, panel: Panel, view: tuple[Range, Range], box: tuple[float, float, float, float]
-    ) -> None:
+    def __init__(self, panel: Panel, view: tuple[Range, Range], box: tuple[float, float, float, float]) -> None:
         self.panel, self.view = panel, view
         self.left, self.top, self.right, self.bottom = box
 
@@ -213,9 +211,7 @@ def _with_power(label: str, power: str) -> str:
     return f"{label} × {power}" if power else label
 
 
-def _fitting_ticks(
-    canvas: _Canvas, view: Range, width: float, log: bool
-) -> tuple[list[float], list[str], str]:
+def _fitting_ticks(canvas: _Canvas, view: Range, width: float, log: bool) -> tuple[list[float], list[str], str]:
     """As many ticks as fit side by side with air between them."""
     for most in (8, 7, 6, 5, 4, 3, 2):
         found = ticks(view, most, log)
@@ -388,6 +384,5 @@ def _png(levels: NDArray[np.uint8], colour: str, alpha: bytes) -> bytes:
         (b"IEND", b""),
     )
     return b"\x89PNG\r\n\x1a\n" + b"".join(
-        struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
-        for name, body in chunks
+        struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body)) for name, body in chunks
     )

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from rangeeval.model import Estimate, Result
 from rangeeval.reporting.blocks import Cell, Table
-from rangeeval.reporting.wording import bin_text, estimate_text, flags_text, quantity_name, unit_name
+from rangeeval.reporting.wording import (
+    bin_text,
+    estimate_text,
+    flags_text,
+    plain_number,
+    quantity_name,
+    unit_name,
+)
+from rangeeval.units import shown
 
 HEADLINES = {
     "accuracy": ("range_sigma", "elevation_sigma", "azimuth_sigma"),
@@ -52,27 +62,29 @@ def headline_quantities(result: Result) -> tuple[str, ...]:
     return chosen or tuple(present)[:4]
 
 
-def headline_table(result: Result, *, caption: str, rows: Sequence[Estimate] | None = None) -> Table:
+def headline_table(
+    result: Result, *, caption: str, rows: Sequence[Estimate] | None = None, flags: bool = True
+) -> Table:
     """The short table of a result: bins down, quantities across, each with its interval, flags last."""
     quantities = headline_quantities(result)
-    chosen = _without_lone_groups(lines(rows if rows is not None else result.rows, quantities))
+    chosen = without_lone_groups(lines(rows if rows is not None else result.rows, quantities))
     named = any(line.first.group or line.first.track_id for line in chosen)
     units = {r.quantity: unit_name(r.unit) for r in result.rows}
     head = ["Bin", *(["Group"] if named else []), "n"]
-    head += [f"{quantity_name(q)}{f' ({units[q]})' if units[q] else ''}" for q in quantities] + ["Flags"]
+    head += [f"{quantity_name(q)}{f' ({units[q]})' if units[q] else ''}" for q in quantities] + ["Flags"] * flags
     body: list[list[str | Cell]] = []
     for line in chosen:
         cells: list[str | Cell] = [bin_text(line.first)]
         if named:
             cells.append(line.first.track_id or line.first.group or "all")
-        cells.append(_counts(line))
+        cells.append(counts(line))
         cells += [estimate_text(line.of[q]) if q in line.of else "" for q in quantities]
-        cells.append(flags_text(line.flags))
+        cells += [flags_text(line.flags)] * flags
         body.append(cells)
-    return Table(caption, head, body, "l" * (2 if named else 1) + "r" * (1 + len(quantities)) + "l")
+    return Table(caption, head, body, "l" * (2 if named else 1) + "r" * (1 + len(quantities)) + "l" * flags)
 
 
-def _without_lone_groups(chosen: Sequence[Line]) -> list[Line]:
+def without_lone_groups(chosen: Sequence[Line]) -> list[Line]:
     """The lines without a group that is all its bin holds: it would repeat the line of all together."""
     groups: dict[tuple[float, float], int] = {}
     for line in chosen:
@@ -82,36 +94,40 @@ def _without_lone_groups(chosen: Sequence[Line]) -> list[Line]:
     return [x for x in chosen if not x.first.group or groups[(x.first.bin_low, x.first.bin_high)] > 1]
 
 
-def _counts(line: Line) -> str:
+def counts(line: Line) -> str:
     """The number of samples; one for each quantity where they differ."""
-    counts = [e.n for e in line.of.values()]
-    return str(counts[0]) if len(set(counts)) == 1 else " / ".join(map(str, counts))
+    each = [e.n for e in line.of.values()]
+    return str(each[0]) if len(set(each)) == 1 else " / ".join(map(str, each))
 
 
 def verdict_table(result: Result, *, caption: str) -> Table:
     """Every verdict of `check`: the estimate, the bound that decided, and how much more data would decide."""
     body: list[list[str | Cell]] = []
-    requirements = result.settings["requirements"]
     for row in result.rows:
-        e = row.extra
-        requirement = requirements[e["requirement"] - 1]
-        decided = Estimate(
-            quantity=row.quantity, unit=row.unit, value=e["bound"] if e["bound"] is not None else float("nan")
+        extra = row.extra
+        number = int(extra["requirement"])
+        unit = shown(row.unit)
+        bound, limit = (
+            plain_number(unit.value(math.nan if v is None else v), 4) for v in (extra["bound"], extra["limit"])
         )
-        limit = Estimate(quantity=row.quantity, unit=row.unit, value=e["limit"])
-        more = (
-            "" if e["verdict"] != "inconclusive" else ("never" if e["more_samples"] is None else str(e["more_samples"]))
+        body.append(
+            [
+                f"{number}. {quantity_name(row.quantity)}",
+                bin_text(row),
+                str(row.n),
+                f"{estimate_text(row)} {unit.unit}",
+                bound,
+                limit,
+                Cell(verdict=extra["verdict"]),
+                Cell(verdict=extra["family_verdict"]),
+                _more(extra),
+            ]
         )
-        body.append([
-            requirement["name"] or f"{quantity_name(row.quantity)}",
-            bin_text(row),
-            str(row.n),
-            f"{estimate_text(row)} {unit_name(row.unit)}",
-            estimate_text(decided),
-            estimate_text(limit),
-            Cell(e["verdict"], verdict=e["verdict"]),
-            Cell(e["family_verdict"], verdict=e["family_verdict"]),
-            more,
-        ])  # fmt: skip
     head = ["Requirement", "Bin", "n", "Estimate", "Bound", "Limit", "Verdict", "All bins", "More samples"]
     return Table(caption, head, body, "llrrrrllr")
+
+
+def _more(extra: Mapping[str, Any]) -> str:
+    if extra["verdict"] != "inconclusive":
+        return ""
+    return "ratios disagree" if extra["more_samples"] is None else str(extra["more_samples"])

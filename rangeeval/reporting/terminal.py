@@ -9,6 +9,7 @@ from typing import IO, TYPE_CHECKING, Any
 from rangeeval.errors import one_line
 from rangeeval.reporting.blocks import Cell, Table
 from rangeeval.reporting.tables import headline_table, verdict_table
+from rangeeval.reporting.wording import NBSP
 
 if TYPE_CHECKING:
     from rangeeval.model import Result
@@ -56,14 +57,18 @@ def text_of(table: Table, stream: IO[str] | None = None) -> str:
     colour = {"pass": "green", "fail": "red", "inconclusive": "yellow"}
     for row in table.rows:
         cells = [c if isinstance(c, Cell) else Cell(c) for c in row]
-        rich.add_row(*(Text(one_line(c.text), style=colour.get(c.verdict, "")) for c in cells))
+        rich.add_row(*(Text(_plain(c.text or c.verdict), style=colour.get(c.verdict, "")) for c in cells))
     console.print(rich)
     text: str = console.file.getvalue()  # type: ignore[attr-defined]
     return "\n".join(line.rstrip() for line in text.splitlines()) + "\n"
 
 
+def _plain(text: str) -> str:
+    return one_line(text.replace(NBSP, " "))
+
+
 def inspection_text(found: Sequence[Mapping[str, Any]], stream: IO[str] | None = None) -> str:
-    """What `inspect` found (its plain form), a block a file: kind, format, columns with units, rows, span, gaps, rejects."""
+    """What `inspect` found (its plain form), a block a file: kind, format, rows, span, gaps, columns, rejects."""
     return "\n".join(_inspected(item, stream) for item in found)
 
 

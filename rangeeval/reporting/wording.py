@@ -9,40 +9,24 @@ from rangeeval.model import Estimate
 from rangeeval.units import Shown, shown, shown_variable
 
 MISSING = "–"
+NBSP = "\u00a0"  # holds a number together with its interval and unit
 
 FLAGS = {
-    "few-samples": "Fewer samples than the trial asks for: the interval is wide and the tests are weak.",
-    "correlated": (
-        "The residuals are not white (Ljung-Box). That alone is no fault: under constant velocity an alpha-beta "
-        "filter's residuals are coloured. The interval counts only the effective number of samples."
-    ),
-    "manoeuvre": (
-        "Consecutive residuals are positively correlated: the target manoeuvred beyond what the gains allow, or the "
-        "filter lags. With small gains sigma is then optimistic; rely on the bracket."
-    ),
-    "biased": (
-        "The mean residual differs from zero by more than chance: a lag (steady acceleration) that also sits in the "
-        "track. It is removed from sigma and reported beside it."
-    ),
-    "not-normal": "The residuals are not normal; the interval is widened for heavy tails.",
-    "outliers": (
-        "The ordinary and the robust sigma differ by more than 20 %: single large residuals carry the number. Look at "
-        "the samples over time and at the robust sigma."
-    ),
-    "gains-vary": (
-        "The gains change so much inside the bin that bin-mean gains and the ratio per sample differ by more than 2 %; "
-        "the ratio per sample is used."
-    ),
-    "snr-varies": "The size of the residuals changes with SNR inside the bin: one sigma is an average over the bin.",
-    "range-varies": "The size of the residuals changes with range inside the bin: a narrower bin would show how.",
-    "grazing": "The target is so far off boresight (cosine below 0.1) that angle and cross-range no longer correspond.",
-    "range-leak": (
-        "Range noise may enter this angle if the tracker updates range and cross-range apart; the leak bound is the "
-        "upper limit."
-    ),
-    "steady-state": "Most updates of the bin were left out while the filter settled; few remain.",
-    "unobservable": "The predicted cross-range reaches the predicted range: no angle can be had. Check frame and units.",
-    "extrapolated": "Outside the data the model was fitted to.",
+    "few-samples": "fewer samples than the trial asks for; the interval is wide and the tests are weak.",
+    "correlated": "the residuals are not white. No fault in itself: an alpha-beta filter colours pure noise. The "
+    "interval counts only the effective number of samples.",
+    "manoeuvre": "consecutive residuals are alike: manoeuvre beyond the gains' design, or lag. Rely on the bracket.",
+    "biased": "the mean residual is not zero: a lag that also sits in the track. It is removed from σ.",
+    "not-normal": "the residuals are not normal; the interval is widened for heavy tails.",
+    "outliers": "ordinary and robust σ differ by more than 20 %: a few large residuals carry the number.",
+    "gains-vary": "gains change so much that bin-mean gains would be off by over 2 %; each sample has its own.",
+    "snr-varies": "the residuals' size changes with SNR inside the bin: one σ is an average.",
+    "range-varies": "the residuals' size changes with range inside the bin: one σ is an average.",
+    "grazing": "so far off boresight (cosine below 0.1) that angle and cross-range no longer correspond.",
+    "range-leak": "range noise enters this angle if range and cross-range are updated apart; see the leak bound.",
+    "steady-state": "most updates of the bin were left out while the filter settled; few remain.",
+    "unobservable": "the predicted cross-range reaches the predicted range; no angle. Check frame and units.",
+    "extrapolated": "outside the data the model was fitted to.",
 }
 
 QUANTITIES = {
@@ -93,10 +77,10 @@ def value_text(estimate: Estimate) -> str:
 
 
 def interval_text(estimate: Estimate) -> str:
-    """The interval alone, such as 3.51 – 4.21; a dash where there is none."""
+    """The interval alone, such as 3.51 to 4.21; a dash where there is none."""
     _, low, high = _converted(estimate, shown(estimate.unit))
     decimals = decimals_for(low, high)
-    return MISSING if decimals is None else f"{low:.{decimals}f} – {high:.{decimals}f}"
+    return MISSING if decimals is None else span_text(f"{low:.{decimals}f}", f"{high:.{decimals}f}")
 
 
 def estimate_text(estimate: Estimate) -> str:
@@ -104,7 +88,9 @@ def estimate_text(estimate: Estimate) -> str:
     _, low, high = _converted(estimate, shown(estimate.unit))
     decimals = decimals_for(low, high)
     text = value_text(estimate)
-    return text if decimals is None or text == MISSING else f"{text} [{low:.{decimals}f}, {high:.{decimals}f}]"
+    if decimals is None or text == MISSING:
+        return text
+    return f"{text}{NBSP}[{low:.{decimals}f},{NBSP}{high:.{decimals}f}]"
 
 
 def unit_name(unit: str) -> str:
@@ -119,7 +105,7 @@ def in_shown_unit(value: float, unit: str) -> str:
 
 
 def bin_text(estimate: Estimate) -> str:
-    """The bin, such as 10 – 15 km."""
+    """The bin, such as 10 to 15 km."""
     return edges_text(estimate.variable or "", estimate.bin_low, estimate.bin_high)
 
 
@@ -129,8 +115,13 @@ def edges_text(variable: str, low: float, high: float) -> str:
         return "whole trial"
     unit = shown_variable(variable)
     edges = [f"{unit.value(v):.6g}" for v in (low, high)]
-    space = "" if unit.unit == "°" else " "
-    return f"{edges[0]} – {edges[1]}{space}{unit.unit}".strip()
+    space = "" if unit.unit == "°" else NBSP
+    return f"{span_text(*edges)}{space}{unit.unit}".strip()
+
+
+def span_text(low: str, high: str) -> str:
+    """From one number to another, on one line."""
+    return MISSING if low == high == MISSING else f"{low}{NBSP}to{NBSP}{high}"
 
 
 def flags_text(flags: Iterable[str]) -> str:

@@ -144,7 +144,7 @@ def test_gains_in_the_residual_log_are_used_themselves() -> None:
 def test_no_gains_is_one_clear_line() -> None:
     """Asking for gains that no log has says what is needed."""
     with pytest.raises(
-        InputError, match="no gains in trial: the columns alpha and beta, or alpha_range, .* are needed"
+        InputError, match=r"no gains in trial: the columns alpha and beta, or alpha_range, .* are needed"
     ):
         list(updates(Trial("trial", (residuals(),))))
 

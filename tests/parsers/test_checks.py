@@ -77,3 +77,12 @@ def test_a_likely_wrong_unit_is_flagged(change: dict[str, list[float]], says: st
     table = read(text_log(tmp_path, csv_text(columns)))
     assert any(says in p.reason and not p.rejected for p in table.problems)
     assert len(table) == 2
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, 3), st.integers(-1, 3)), max_size=12).map(sorted), st.integers(1, 13))
+def test_a_log_in_time_order_counts_its_repetitions(rows: list[tuple[int, int]], size: int) -> None:
+    """In a log sorted by time, every row whose track and time were there before is counted, in pieces of any size."""
+    problems = found([r[0] for r in rows], [r[1] for r in rows], size)
+    assert not any("backwards" in p.reason for p in problems)
+    assert sum(p.count for p in problems if "repeat" in p.reason) == len(rows) - len(set(rows))

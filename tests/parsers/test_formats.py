@@ -44,14 +44,13 @@ def test_each_format_names_a_file_that_was_cut_off(name: str, keep: float, tmp_p
     SAMPLES[name](path)
     data = path.read_bytes()
     path.write_bytes(data[: int(len(data) * keep)])
-    try:
+    if name == "text" and keep > 0.5:  # of the shortest, not one row has the header's fields: that is an error
         table = open_trial(path).logs[0].read()
-    except InputError as error:
-        assert str(error).startswith("cut:")
-        assert "\n" not in str(error)
-    else:
-        assert name == "text"
         assert len(table) + sum(p.count for p in table.problems) == data[: int(len(data) * keep)].count(b"\n")
+        return
+    with pytest.raises(InputError, match=r"^cut:") as caught:
+        open_trial(path).logs[0].read()
+    assert "\n" not in str(caught.value)
 
 
 def test_a_trial_folder_is_read_with_what_trial_toml_says(tmp_path: Path) -> None:
@@ -144,7 +143,7 @@ def test_pieces_are_even_whatever_the_file(tmp_path: Path, monkeypatch: pytest.M
 
     for module in (blocks, hdf5):
         monkeypatch.setattr(module, "CHUNK_ROWS", 7)
-    monkeypatch.setattr(numpy_files, "_BLOCK_ROWS", 5)
+    monkeypatch.setattr(numpy_files, "CHUNK_ROWS", 5)
     monkeypatch.setattr(streams, "BLOCK_BYTES", 64)
     n = 45
     columns = {

@@ -32,6 +32,29 @@ def test_every_standard_storage_is_read(options: dict[str, Any], tmp_path: Path)
     same(read(tmp_path / "log"))
 
 
+def test_chunks_that_a_filter_has_skipped_are_read(tmp_path: Path) -> None:
+    """lzf leaves a chunk alone that it cannot make smaller; a file open elsewhere in the process is read too."""
+    columns = {**COLUMNS, "snr_db": np.random.default_rng(1).normal(size=6)}
+    write_hdf5(tmp_path / "log", columns, compression="lzf", shuffle=True, chunks=(4,))
+    with h5py.File(tmp_path / "log"):
+        same(read(tmp_path / "log"), columns)
+
+
+def test_an_index_that_lies_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A chunk of no bytes makes HDF5 crash when it is read; the look into the file finds it, large or small."""
+    write_hdf5(tmp_path / "log", compression="gzip", fletcher32=True, chunks=(3,))
+    with h5py.File(tmp_path / "log") as file:
+        chunk = file["time_s"].id.get_chunk_info(1)
+    data = (tmp_path / "log").read_bytes()
+    entry = chunk.size.to_bytes(4, "little") + bytes(4) + (3).to_bytes(8, "little")
+    assert data.count(entry) >= 1
+    (tmp_path / "log").write_bytes(data.replace(entry, bytes(8) + entry[8:]))
+    for small in (1 << 20, 0):
+        monkeypatch.setattr(hdf5, "READ_IN_CHILD", small)
+        with pytest.raises(InputError, match=r"log: .* is damaged or cut off: its index does not fit the file"):
+            open_trial(tmp_path / "log")
+
+
 def test_other_shapes_of_a_log(tmp_path: Path) -> None:
     """Columns in groups, a compound dataset and a matrix with named columns; several logs in one file."""
     numbers = {n: v for n, v in COLUMNS.items() if v.dtype.kind == "f"}
@@ -110,7 +133,7 @@ def test_bad_rows_are_named_by_their_index(tmp_path: Path) -> None:
 def test_columns_of_different_lengths_are_refused(tmp_path: Path) -> None:
     """Datasets that cannot be columns of one table: a line with each length."""
     write_hdf5(tmp_path / "log", {**COLUMNS, "time_s": np.arange(5.0)})
-    with pytest.raises(InputError, match="columns of different lengths: .*time_s 5"):
+    with pytest.raises(InputError, match=r"columns of different lengths: .*time_s 5"):
         read(tmp_path / "log")
 
 
@@ -187,15 +210,18 @@ def test_references_are_not_columns(tmp_path: Path) -> None:
     assert "neither numbers nor text" in trial.problems[-1].reason
 
 
-def test_flipped_bits_are_found(tmp_path: Path) -> None:
-    """A damaged chunk is an error that names the rows, not other numbers."""
+def test_flipped_bits_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A damaged chunk is an error that names the column, in a large log the rows; never other numbers."""
     write_hdf5(tmp_path / "log", compression="gzip", fletcher32=True)
     with h5py.File(tmp_path / "log") as file:
         at = file["range_residual_m"].id.get_chunk_info(0).byte_offset
     data = bytearray((tmp_path / "log").read_bytes())
     data[at + 8] ^= 1
     (tmp_path / "log").write_bytes(data)
-    with pytest.raises(InputError, match="log: rows 0 to 5 cannot be read, the file is damaged"):
+    with pytest.raises(InputError, match=r"log: '/range_residual_m' cannot be read, the file is damaged"):
+        read(tmp_path / "log")
+    monkeypatch.setattr(hdf5, "READ_IN_CHILD", 0)
+    with pytest.raises(InputError, match=r"log: rows 0 to 5 cannot be read, the file is damaged"):
         read(tmp_path / "log")
 
 

@@ -135,12 +135,8 @@ class Browser:
 
     def complaints(self) -> list[str]:
         """Every error the page or the browser wrote to the console."""
-        calls = [
-            e for e in self.named("Runtime.consoleAPICalled") if e["type"] in ("error", "warning", "assert")
-        ]
-        logs = [
-            e["entry"] for e in self.named("Log.entryAdded") if e["entry"]["level"] in ("error", "warning")
-        ]
+        calls = [e for e in self.named("Runtime.consoleAPICalled") if e["type"] in ("error", "warning", "assert")]
+        logs = [e["entry"] for e in self.named("Log.entryAdded") if e["entry"]["level"] in ("error", "warning")]
         return [str(e) for e in (*calls, *logs, *self.named("Runtime.exceptionThrown"))]
 
     def requests(self) -> list[str]:

@@ -23,12 +23,7 @@ def bin_section(number: int, rng: np.random.Generator, samples: int = 300) -> Se
         counts, edges = np.histogram(value, 24)
         spread = value.std()
         curve = np.linspace(edges[0], edges[-1], 81)
-        normal = (
-            samples
-            * (edges[1] - edges[0])
-            * np.exp(-0.5 * (curve / spread) ** 2)
-            / (spread * np.sqrt(2 * np.pi))
-        )
+        normal = samples * (edges[1] - edges[0]) * np.exp(-0.5 * (curve / spread) ** 2) / (spread * np.sqrt(2 * np.pi))
         position = (np.arange(samples) + 0.5) / samples
         quantile = spread * np.sqrt(2) * _erfinv(2 * position - 1)
         lags = np.arange(1, 31)

@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
+import rangeeval
 from rangeeval.reporting import Document, render_html
+from rangeeval.scenarios import simulate_alpha_beta
 from tests.reporting.browser import Browser, browser, find_browser
 from tests.reporting.demo import demo
 from tests.reporting.hostile import STRINGS, hostile_document
@@ -64,6 +66,18 @@ def test_thirty_plots_of_ten_thousand_points(page: Browser, tmp_path: Path) -> N
     assert page.requests() == []
 
 
+def test_a_real_report_comes_alive(page: Browser, tmp_path: Path) -> None:
+    """The report on a simulated trial: every panel drawn, not a word on the console, no request."""
+    simulate_alpha_beta(tmp_path / "trial", seed=1, flights=1)
+    rangeeval.report(rangeeval.open_trial(tmp_path / "trial"), tmp_path / "out")
+    page.open(tmp_path / "out" / "report.html")
+    assert float(page.wait("document.documentElement.dataset.firstPlot")) < 3000
+    page.scroll_through()
+    assert all(_inked(page))
+    assert page.complaints() == []
+    assert page.requests() == []
+
+
 def test_a_page_of_a_range_bin_zooms_together_and_resets(page: Browser, tmp_path: Path) -> None:
     """Dragging a box over one panel changes it and the panels that share its axis; Reset brings all back."""
     page.open(_write(tmp_path, demo(bins=1, overviews=1, clouds=0)))
@@ -85,9 +99,7 @@ def test_a_page_of_a_range_bin_zooms_together_and_resets(page: Browser, tmp_path
         ("mouseMoved", 80, 60),
         ("mouseReleased", 80, 60),
     ):
-        page.call(
-            "Input.dispatchMouseEvent", type=kind, x=x + dx, y=y + dy, button="left", buttons=1, clickCount=1
-        )
+        page.call("Input.dispatchMouseEvent", type=kind, x=x + dx, y=y + dy, button="left", buttons=1, clickCount=1)
     time.sleep(0.3)
     after = page.evaluate(read)
     assert after != before
@@ -112,9 +124,7 @@ def test_markup_in_any_text_is_inert(page: Browser, tmp_path: Path, number: int)
         " return [b.x, b.y, b.width, b.height]; })()"
     )
     for across in (0.3, 0.5, 0.52):
-        page.call(
-            "Input.dispatchMouseEvent", type="mouseMoved", x=box[0] + across * box[2], y=box[1] + 0.5 * box[3]
-        )
+        page.call("Input.dispatchMouseEvent", type="mouseMoved", x=box[0] + across * box[2], y=box[1] + 0.5 * box[3])
     assert page.complaints() == []
     assert page.requests() == []
 
@@ -155,8 +165,7 @@ def test_without_script_the_still_pictures_show(page: Browser, tmp_path: Path) -
     try:
         page.open(_write(tmp_path, demo(bins=1, overviews=1, clouds=0)))
         assert page.evaluate(
-            "[...document.querySelectorAll('figure img')].every("
-            "(i) => getComputedStyle(i).display === 'block')"
+            "[...document.querySelectorAll('figure img')].every((i) => getComputedStyle(i).display === 'block')"
         )
         assert page.evaluate("document.querySelectorAll('figure.live').length") == 0
     finally:

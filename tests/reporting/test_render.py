@@ -100,9 +100,7 @@ def test_every_kind_of_mark_is_drawn_in_both(name: str, log: bool) -> None:
     """Each kind gives a well-formed picture and a bokeh document, on linear and logarithmic axes."""
     figure = _figure(MARKS[name], x_log=log, y_log=log)
     picture = ET.fromstring(render_svg(figure, Glyphs()))
-    numbers = [
-        element.get(name, "") for element in picture.iter() for name in ("d", "x", "y", "width", "height")
-    ]
+    numbers = [element.get(name, "") for element in picture.iter() for name in ("d", "x", "y", "width", "height")]
     assert not [text for text in numbers if "nan" in text or "inf" in text]
     json.dumps(plot_document(figure, "f1", "3"), allow_nan=False)
 
@@ -179,9 +177,7 @@ def test_the_same_document_gives_the_same_bytes() -> None:
 def test_the_page_fetches_nothing() -> None:
     """Addresses lead into the page itself or hold their data; the policy forbids the rest."""
     page = _Page(render_html(demo(bins=1, overviews=2)))
-    addresses = [
-        value for _, name, value in page.attributes if name in ("src", "href", "srcset", "action", "data")
-    ]
+    addresses = [value for _, name, value in page.attributes if name in ("src", "href", "srcset", "action", "data")]
     assert addresses
     assert all(value.startswith(("#", "data:image/", "data:,")) for value in addresses)
     policy = next(value for _, name, value in page.attributes if name == "content" and "default-src" in value)
@@ -199,9 +195,7 @@ def test_headings_come_in_order_and_every_target_exists() -> None:
     assert all(after <= before + 1 for before, after in itertools.pairwise(levels))
     ids = [value for _, name, value in page.attributes if name == "id"]
     assert len(ids) == len(set(ids))
-    assert {
-        value[1:] for _, name, value in page.attributes if name == "href" and value.startswith("#")
-    } <= set(ids)
+    assert {value[1:] for _, name, value in page.attributes if name == "href" and value.startswith("#")} <= set(ids)
 
 
 def test_a_skipped_level_and_a_repeated_key_are_mended() -> None:
@@ -230,9 +224,7 @@ def test_hostile_text_prints() -> None:
     sections = [section for text in STRINGS for section in hostile_document(text).sections]
     for text in STRINGS:
         document = hostile_document(text)
-        document = Document(
-            **{**vars(document), "sections": sections if text == STRINGS[0] else document.sections[1:]}
-        )
+        document = Document(**{**vars(document), "sections": sections if text == STRINGS[0] else document.sections[1:]})
         assert render_pdf(document).startswith(b"%PDF")
 
 
@@ -259,9 +251,7 @@ def _expanded(value: Any) -> Any:
     """Columns as the boot script makes them: plain lists."""
     if isinstance(value, dict) and "steps" in value:
         steps = np.frombuffer(base64.b64decode(value["steps"]), dtype="<u2").astype(float)
-        return list(
-            np.where(steps == 65535, 0.0, value["low"] + steps * (value["high"] - value["low"]) / 65534)
-        )
+        return list(np.where(steps == 65535, 0.0, value["low"] + steps * (value["high"] - value["low"]) / 65534))
     if isinstance(value, dict):
         return {key: _expanded(item) for key, item in value.items()}
     if isinstance(value, list):
@@ -300,9 +290,9 @@ def test_sixteen_bit_columns_are_finer_than_a_pixel() -> None:
     y[7] = np.nan
     document = plot_document(_figure(Mark("line", x, y)), "f", "3")
     data = dict(
-        document["doc"]["roots"][0]["attributes"]["renderers"][0]["attributes"]["data_source"]["attributes"][
-            "data"
-        ]["entries"]
+        document["doc"]["roots"][0]["attributes"]["renderers"][0]["attributes"]["data_source"]["attributes"]["data"][
+            "entries"
+        ]
     )
     assert np.abs(np.array(_expanded(data["x"])) - x).max() <= 3600 / 65534 * 0.51
     steps = np.frombuffer(base64.b64decode(data["y"]["steps"]), dtype="<u2")

@@ -141,7 +141,7 @@ def test_thinned_samples_are_every_second_then_every_fourth():
 
 
 def test_startup_leaves_out_the_first_updates_of_a_track_and_after_a_lasting_gain_jump():
-    """With alpha 0.5 the first 22 updates go, and 29 more when alpha falls to 0.38 and stays; a restart does the same."""
+    """With alpha 0.5 the first 22 updates go, and 29 more when alpha falls to 0.38 and stays; a restart likewise."""
     alpha = np.r_[np.full(100, 0.5), np.full(100, 0.38)]
     cell = gathered(np.ones(200), alpha=alpha, startup=11.0).cell(0)
     assert cell.startup == 22 + 29

@@ -160,29 +160,45 @@ def _variable(table: Table, bins: Bins) -> Array:
         return np.asarray(np.arcsin(table.floats(cross) / table.floats("range_predicted_m")))
 
 
-def _in_time_order(table: Table, track: NDArray[np.int32], usual: float) -> tuple[Table, int, int]:
-    """The rows with small steps back in time put in order within each track; how many steps, and how many were large.
+@dataclass(frozen=True)
+class _Ordered:
+    """A piece with its rows in order, and what had to be done for it."""
+
+    table: Table
+    disordered: int = 0
+    runs: int = 0
+    duplicates: int = 0
+
+
+def _in_time_order(table: Table, usual: float) -> _Ordered:
+    """The rows of a piece in time order within each track, without those logged twice.
 
     A large step back (more than 20 usual intervals and a second) is another run in one file, not disorder: it is left,
     and the track starts anew there.
     """
-    time = table.floats("time_s")
+    track, time = np.maximum(table.codes("track_id"), 0), table.floats("time_s")
     order = np.argsort(track, kind="stable")
-    step = np.diff(time[order])
     same = np.diff(track[order]) == 0
-    back = same & (step < 0)
-    if not back.any():
-        return table, 0, 0
+    if not (same & (np.diff(time[order]) < 0)).any():
+        return _Ordered(table)
+    # Only where time steps back can a copy stand apart from its original: rows equal in all that identifies an update.
+    keys = (table.floats(AXES[0].residual), table.floats("range_predicted_m"), time, track)
+    by_key = np.lexsort(keys)
+    copy = np.zeros(len(table), bool)
+    copy[by_key[1:]] = np.all([k[by_key][1:] == k[by_key][:-1] for k in keys], axis=0)
+    table, track, time = table.take(~copy), track[~copy], time[~copy]
+    order = np.argsort(track, kind="stable")
+    step, same = np.diff(time[order]), np.diff(track[order]) == 0
     forward = step[same & (step > 0)]
-    usual = float(np.median(forward)) if len(forward) else usual
-    large = back & (step < -max(20.0 * usual, 1.0))
-    run = np.empty(len(time), np.int64)
-    run[order] = np.concatenate([[0], np.cumsum(large | ~same)])
-    if back.sum() == large.sum():
-        return table, 0, int(large.sum())
-    # Within a run by time; the runs of one track stay in the order they were logged.
-    inside = np.lexsort((time, run))
-    return table.take(inside), int((back & ~large).sum()), int(large.sum())
+    back = same & (step < 0)
+    large = back & (step < -max(20.0 * (float(np.median(forward)) if len(forward) else usual), 1.0))
+    small = int(np.count_nonzero(back & ~large))
+    if small:
+        # Within a run by time; the runs of one track stay in the order they were logged.
+        run = np.empty(len(time), np.int64)
+        run[order] = np.concatenate([[0], np.cumsum(large | ~same)])
+        table = table.take(np.lexsort((time, run)))
+    return _Ordered(table, small, int(np.count_nonzero(large)), int(np.count_nonzero(copy)))
 
 
 def threads() -> int:
@@ -236,18 +252,19 @@ def gather_cells(
             present.update(table.columns)
             if bins.variable == "snr" and "snr_db" not in table:
                 raise InputError(f"{source}: bins of snr need a column snr_db, and there is none")
-            track = np.maximum(table.codes("track_id"), 0)
-            table, disordered, runs = _in_time_order(table, track, trial.settings.radar.update_interval_s or 1.0)
+            found = _in_time_order(table, trial.settings.radar.update_interval_s or 1.0)
+            counts["updates"] += len(table)
+            counts["duplicates"] += found.duplicates
+            table = found.table
             track = np.maximum(table.codes("track_id"), 0)
             tracks = max(tracks, int(track.max(initial=-1)) + 1)
-            if disordered:
-                problems.append(Problem(source, "time steps back within a track: rows put in order", disordered))
-            if runs:
-                problems.append(Problem(source, "time jumps back within a track: taken as another run", runs))
+            if found.disordered:
+                problems.append(Problem(source, "time steps back within a track: rows put in order", found.disordered))
+            if found.runs:
+                problems.append(Problem(source, "time jumps back within a track: taken as another run", found.runs))
             rng, time = table.floats("range_predicted_m"), table.floats("time_s")
             mark, leg, duplicates, _late = follower.follow(time, track, rng, table.floats(AXES[0].residual))
             index = bins.index(_variable(table, bins))
-            counts["updates"] += len(table)
             counts["duplicates"] += duplicates
             counts["restarts"] += int(np.count_nonzero(mark == RESTART))
             counts["in_no_bin"] += int(np.count_nonzero(index < 0))
@@ -312,6 +329,12 @@ def _add_axis(
     )
 
 
+_LEFT_OUT = {
+    "startup": "start-up after a track begins, restarts or changes its gains (first 11/alpha) left out, by axis",
+    "unusable": "residual, prediction or gains missing, or gains outside the stability triangle, by axis",
+}
+
+
 def _sorted_out(
     grouping: _Groups,
     numbers: CellNumbers,
@@ -333,23 +356,22 @@ def _sorted_out(
             members.setdefault(Place(bin_number, track=track), []).append(cell)
     axes = tuple(a for a in AXES if a.residual in present)
     cells: dict[str, dict[Place, Cell]] = {}
+    left_out: dict[str, dict[str, int]] = {"startup": {}, "unusable": {}}
+    offered = counts["updates"] - counts["duplicates"] - counts["in_no_bin"] - counts["left_out_by_when"]
     for axis in axes:
         of_axis = sums[axis.name]
         cells[axis.name] = {
             place: Cell.merged([of_axis.cell(c) for c in cells_here]) for place, cells_here in sorted(members.items())
         }
-        used = sum(c.n for p, c in cells[axis.name].items() if p == Place(p.bin))
-        in_startup = sum(c.startup for p, c in cells[axis.name].items() if p == Place(p.bin))
-        counts[f"{axis.name}_used"] = used
-        counts[f"{axis.name}_startup"] = in_startup
-        unusable = counts["updates"] - counts["duplicates"] - counts["in_no_bin"] - counts["left_out_by_when"]
-        unusable -= used + in_startup
-        if in_startup:
-            reason = f"{axis.name} axis: start-up after a track begins, restarts or changes its gains (first 11/alpha)"
-            problems.append(Problem(source, reason, in_startup, rejected=True))
-        if unusable > 0:
-            reason = f"{axis.name} axis: residual, prediction or gains missing, or gains outside the stability triangle"
-            problems.append(Problem(source, reason, unusable, rejected=True))
+        together = [c for p, c in cells[axis.name].items() if p == Place(p.bin)]
+        used, in_startup = sum(c.n for c in together), sum(c.startup for c in together)
+        counts[f"{axis.name}_used"], counts[f"{axis.name}_startup"] = used, in_startup
+        left_out["startup"][axis.name] = in_startup
+        left_out["unusable"][axis.name] = max(offered - used - in_startup, 0)
+    for which, why in _LEFT_OUT.items():
+        if any(left_out[which].values()):
+            each = ", ".join(f"{name} {n}" for name, n in left_out[which].items())
+            problems.append(Problem(source, f"{why}: {each}", max(left_out[which].values()), rejected=True))
     if not any(c.n for of_axis in cells.values() for c in of_axis.values()):
         found = "; ".join(f"{p.reason} ({p.count})" for p in gather(problems)[:3] if p.count)
         raise InputError(f"{source}: not one usable update in any bin" + (f": {found}" if found else ""))

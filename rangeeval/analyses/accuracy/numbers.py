@@ -42,6 +42,7 @@ GAINS_VARY = 0.02
 ROBUST_DIFFERS = 0.2
 GRAZING_COSINE = 0.1
 LEAK = 0.3
+ALIKE = 2.33  # one-sided 1 %: manoeuvre beyond the gains' design is where intervals under-cover, so be told early
 OWN_BIN_CORRELATION = 100  # samples; bins with fewer borrow the correlation of all bins of their group
 OWN_VARIANCES = 1000
 SHAPIRO_BELOW = 100
@@ -259,7 +260,7 @@ def _flags(
         return tuple(flags)
     if p["whiteness"] < TEST_LEVEL:
         flags.append("correlated")
-    if len(memory.rho) > 1 and memory.rho[1] > 3.3 / math.sqrt(n):
+    if len(memory.rho) > 1 and memory.rho[1] > ALIKE / math.sqrt(n):
         flags.append("manoeuvre")
     if p["bias"] < TEST_LEVEL:
         flags.append("biased")

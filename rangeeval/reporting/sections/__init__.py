@@ -11,7 +11,7 @@ import importlib
 from collections.abc import Callable, Sequence
 
 from rangeeval.model import Result
-from rangeeval.reporting.blocks import Document, Section
+from rangeeval.reporting.blocks import Document, Figure, Section
 from rangeeval.reporting.sections.common import inputs_section, plain_section, software_section, summary_section
 
 SECTIONS: dict[str, str] = {
@@ -25,18 +25,22 @@ _EPOCH = datetime.datetime(1980, 1, 1, tzinfo=datetime.UTC)  # stamps files of a
 def compose(results: Sequence[Result]) -> Document:
     """The report on a trial: summary with verdicts, a chapter an analysis, what was read, how it was made."""
     about = results[0].provenance.get("trial", {})
-    chapters = [section for result in results for section in _chapter(result)]
-    meta = [
-        (word, about.get(key, ""))
-        for word, key in (("Radar", "radar"), ("Date of trial", "date"), ("Software under test", "software"))
-    ]
+    verdicts_first = sorted(results, key=lambda r: r.analysis != "check")
+    chapters = [section for result in verdicts_first for section in _chapter(result)]
+    words = (
+        ("Radar", "radar"),
+        ("Date of trial", "date"),
+        ("Software under test", "software"),
+        ("Notes", "description"),
+    )
+    meta = [(word, about.get(key, "")) for word, key in words]
     return Document(
         title=about.get("name") or "Trial",
         date=_date(about.get("date", "")),
         subtitle="Post-trial analysis",
         handling=about.get("handling", ""),
         meta=[(word, text) for word, text in meta if text],
-        sections=[summary_section(results), *chapters, inputs_section(results), software_section(results)],
+        sections=[summary_section(results, _figure), *chapters, inputs_section(results), software_section(results)],
     )
 
 
@@ -47,6 +51,13 @@ def _chapter(result: Result) -> list[Section]:
     module, name = where.split(":")
     layout: Callable[[Result], list[Section]] = getattr(importlib.import_module(module), name)
     return layout(result)
+
+
+def _figure(result: Result) -> Figure | None:
+    """The figure of an analysis that belongs on the summary: `summary_figure` of its section module, if any."""
+    where = SECTIONS.get(result.analysis)
+    draw = getattr(importlib.import_module(where.split(":")[0]), "summary_figure", None) if where else None
+    return draw(result) if draw else None
 
 
 def _date(text: str) -> datetime.datetime:

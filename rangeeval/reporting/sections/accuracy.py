@@ -9,7 +9,7 @@ from typing import Any
 from rangeeval.model import Estimate, Result
 from rangeeval.reporting.blocks import Block, Cell, Figure, Mark, Notice, Panel, Paragraph, Section, Table
 from rangeeval.reporting.sections.common import flag_notices
-from rangeeval.reporting.tables import Line, headline_table, lines, pooled
+from rangeeval.reporting.tables import Line, counts, headline_table, lines, pooled, without_lone_groups
 from rangeeval.reporting.wording import (
     FLAGS,
     MISSING,
@@ -19,6 +19,7 @@ from rangeeval.reporting.wording import (
     interval_text,
     plain_number,
     quantity_name,
+    span_text,
     value_text,
 )
 from rangeeval.units import shown, shown_variable
@@ -47,31 +48,38 @@ def _centre(rows: Sequence[Estimate], scale: float) -> list[float]:
     return [0.5 * (r.bin_low + r.bin_high) * scale for r in rows]
 
 
+def summary_figure(result: Result) -> Figure:
+    """Sigma over the bins, for the summary page."""
+    everything, variable = pooled(result), str(result.settings["variable"])
+    return Figure(
+        "Random error per bin, assessed with its interval and (dashed) predicted from SNR and the radar's parameters.",
+        _alt(everything),
+        [[_sigma_panel(everything, q, variable, bracket=False) for q in AXES.values() if _has(everything, q)]],
+    )
+
+
 def _overview(result: Result) -> list[Block]:
     variable = str(result.settings["variable"])
     everything = pooled(result)
-    blocks: list[Block] = [
+    blocks: list[Block] = []
+    groups = headline_table(result, caption="Every bin, all together and by group", flags=False)
+    if "Group" in groups.head:
+        blocks.append(groups)
+    blocks.append(
         Figure(
-            "Assessed random error per bin with its interval (points), and what SNR and the radar's parameters predict (dashed).",
+            "Random error per bin with the bracket that holds for any motion of the target.",
             _alt(everything),
-            [
-                [_sigma_panel(everything, quantity, variable)]
-                for quantity in AXES.values()
-                if _has(everything, quantity)
-            ],
-            "tall",
-        ),
-    ]
-    samples = [_samples_panel(result, axis) for axis in AXES if f"{axis}/all" in result.series]
-    if samples:
-        blocks.append(Figure(
-            "Residuals over predicted range: a thinned sample of every bin, its extremes always kept.",
-            "Residuals of each axis against predicted range.", [[panel] for panel in samples], "tall",
-        ))  # fmt: skip
-    blocks.append(headline_table(result, caption="All bins and groups"))
+            [[_sigma_panel(everything, q, variable, bracket=True)] for q in AXES.values() if _has(everything, q)],
+        )
+    )
+    blocks.append(_bracket_table(everything))
     if _has(everything, "range_variance_ratio"):
         blocks += _prediction(everything)
-    blocks.append(_bracket_table(everything))
+    samples = [_samples_panel(result, axis) for axis in AXES if f"{axis}/all" in result.series]
+    if samples:
+        caption = "Residuals over predicted range: a thinned sample of every bin, its extremes always kept."
+        alt = "Residuals of each axis against predicted range."
+        blocks.append(Figure(caption, alt, [[panel] for panel in samples]))
     return blocks + flag_notices(result)
 
 
@@ -89,7 +97,7 @@ def _alt(rows: Sequence[Estimate]) -> str:
     return "; ".join(parts) + "." if parts else "No sigma could be had."
 
 
-def _sigma_panel(rows: Sequence[Estimate], quantity: str, variable: str) -> Panel:
+def _sigma_panel(rows: Sequence[Estimate], quantity: str, variable: str, *, bracket: bool) -> Panel:
     unit, across = shown(next(r.unit for r in rows if r.quantity == quantity)), shown_variable(variable)
     chosen = [r for r in rows if r.quantity == quantity and math.isfinite(r.value)]
     x = _centre(chosen, across.scale)
@@ -98,7 +106,7 @@ def _sigma_panel(rows: Sequence[Estimate], quantity: str, variable: str) -> Pane
         [r for r in rows if r.quantity == f"{quantity}_bracket_{end}" and math.isfinite(r.value)]
         for end in ("low", "high")
     ]
-    if brackets[0] and len(brackets[0]) == len(brackets[1]):
+    if bracket and brackets[0] and len(brackets[0]) == len(brackets[1]):
         low, high = ([unit.value(r.value) for r in side] for side in brackets)
         marks.append(
             Mark(
@@ -121,9 +129,12 @@ def _sigma_panel(rows: Sequence[Estimate], quantity: str, variable: str) -> Pane
         label="assessed, with interval", role="measured",
     ))  # fmt: skip
     return Panel(
-        quantity_name(quantity), f"{_variable_name(variable)} ({across.unit})" if across.unit else _variable_name(variable),
-        f"{quantity_name(quantity)} ({unit.unit})", marks, share_x="bins",
-    )  # fmt: skip
+        quantity_name(quantity),
+        f"{_variable_name(variable)} ({across.unit})".removesuffix(" ()"),
+        f"{quantity_name(quantity)} ({unit.unit})",
+        marks,
+        share_x="bins",
+    )
 
 
 def _variable_name(variable: str) -> str:
@@ -144,7 +155,7 @@ def _prediction(rows: Sequence[Estimate]) -> list[Block]:
     body: list[list[str | Cell]] = []
     names = [q.removesuffix("_sigma") for q in AXES.values() if _has(rows, f"predicted_{q}")]
     for line in lines(rows, [f"{n}_variance_ratio" for n in names] + [f"predicted_{n}_sigma" for n in names] + ["snr"]):
-        cells: list[str | Cell] = [bin_text(line.first), estimate_text(line.of["snr"]) if "snr" in line.of else MISSING]
+        cells: list[str | Cell] = [bin_text(line.first), value_text(line.of["snr"]) if "snr" in line.of else MISSING]
         for n in names:
             predicted, ratio = line.of.get(f"predicted_{n}_sigma"), line.of.get(f"{n}_variance_ratio")
             cells += [value_text(predicted) if predicted else MISSING, estimate_text(ratio) if ratio else MISSING]
@@ -154,9 +165,12 @@ def _prediction(rows: Sequence[Estimate]) -> list[Block]:
         unit = next(shown(r.unit).unit for r in rows if r.quantity == f"predicted_{n}_sigma")
         head += [f"{n.capitalize()} predicted ({unit})", "Variance ratio"]
     words = Paragraph(
-        "The predicted sigma is what thermal noise alone would leave after the filter, from the logged SNR, bandwidth and "
-        "beamwidths, for a target at constant velocity. The variance ratio is assessed over predicted: above 1 speaks of "
-        "clutter, multipath, manoeuvre or waveform effects, below 1 of a pessimistic noise model. An interval that holds 1 "
+        "The predicted sigma is what thermal noise alone would leave after the filter, from the logged SNR, "
+        "bandwidth and "
+        "beamwidths, for a target at constant velocity. The variance ratio is assessed over predicted: above 1 "
+        "speaks of "
+        "clutter, multipath, manoeuvre or waveform effects, below 1 of a pessimistic noise model. An interval that "
+        "holds 1 "
         "is agreement."
     )
     return [words, Table("Assessed against predicted", head, body)]
@@ -172,8 +186,9 @@ def _bracket_table(rows: Sequence[Estimate]) -> Table:
     for line in lines(rows, [q + end for q in present for end in ends]):
         cells: list[str | Cell] = [bin_text(line.first)]
         for quantity in present:
-            value, white, low, high = (_value(line, quantity + end) for end in ends)
-            cells += [value, white, f"{low} – {high}"]
+            value, white = (_value(line, quantity + end) for end in ends[:2])
+            bracket = [_rough(line, quantity + end) for end in ends[2:]]
+            cells += [value, white, span_text(*bracket)]
         body.append(cells)
     return Table(
         "What the motion model makes of it: noise only, optimal gains, and the bracket that needs no model", head, body
@@ -184,18 +199,30 @@ def _value(line: Line, quantity: str) -> str:
     return value_text(line.of[quantity]) if quantity in line.of else MISSING
 
 
+def _rough(line: Line, quantity: str) -> str:
+    """Two digits: enough for the ends of a bracket."""
+    if quantity not in line.of:
+        return MISSING
+    estimate = line.of[quantity]
+    return plain_number(shown(estimate.unit).value(estimate.value), 2)
+
+
 def _method(result: Result) -> list[Block]:
     settings = result.settings
     if settings["estimator"] == "paper":
         steps = (
-            "Estimator: the source paper's formulas to the letter. In each bin the residual variance is the sum of squares "
+            "Estimator: the source paper's formulas to the letter. In each bin the residual variance is the sum of "
+            "squares "
             "over N - 1 without removing the mean; the bin means of the gains give the ratio of filtered to residual "
-            "variance, (2α² - 3αβ + 2β) / (2(2α + β)). Every usable sample is taken, start-up included, groups together."
+            "variance, (2α² - 3αβ + 2β) / (2(2α + β)). Every usable sample is taken, start-up included, groups "
+            "together."
         )
     else:
         steps = (
-            "Estimator: recommended. The first 11/α updates after a track begins, restarts after a coast, or changes its "
-            "gains are left out. In each bin the mean residual is removed and reported; each sample is weighted with the "
+            "Estimator: recommended. The first 11/α updates after a track begins, restarts after a coast, or changes "
+            "its "
+            "gains are left out. In each bin the mean residual is removed and reported; each sample is weighted with "
+            "the "
             "ratio of filtered to residual variance of its own gains, (2α² - 3αβ + 2β) / (2(2α + β)); angles "
             "divide each sample by its own R² - y²."
         )
@@ -203,42 +230,45 @@ def _method(result: Result) -> list[Block]:
         Paragraph(steps),
         Paragraph(
             "Intervals: chi-square on the effective number of samples, which counts their correlation (Bartlett): "
-            "N / (1 + 2 Σ (1 - k/N) ρ²). Bins with fewer than 100 samples borrow the correlation of all bins. Where the "
+            "N / (1 + 2 Σ (1 - k/N) ρ²). Bins with fewer than 100 samples borrow the correlation of all bins. Where "
+            "the "
             "residuals are not normal and heavy-tailed, the degrees of freedom shrink with the kurtosis."
         ),
         Paragraph(
-            "Assumptions: measurement noise is white; gains change slowly against the filter's memory; the target keeps its "
-            "velocity over that memory. Where the last fails, the truth lies between the noise-only and the optimal-gain "
-            "ratio if the manoeuvre stays within the design; the bracket min(α, 1-α) to max(α, 1-α) times the residual sigma "
+            "Assumptions: measurement noise is white; gains change slowly against the filter's memory; the target "
+            "keeps its "
+            "velocity over that memory. Where the last fails, the truth lies between the noise-only and the "
+            "optimal-gain "
+            "ratio if the manoeuvre stays within the design; the bracket min(α, 1-α) to max(α, 1-α) times the "
+            "residual sigma "
             "holds for any motion."
         ),
         Paragraph(
-            "Angles are the array's own: sin θe = y/R and sin θa = z/R. θe is the elevation over the array's normal plane; θa "
+            "Angles are the array's own: sin θe = y/R and sin θa = z/R. θe is the elevation over the array's normal "
+            "plane; θa "
             "is not the azimuth away from the principal plane."
         ),
     ]
 
 
 _BIN_ROWS = (
-    ("σ of the estimate", "{a}_sigma"),
-    ("Lower bracket", "{a}_sigma_bracket_low"),
-    ("Upper bracket", "{a}_sigma_bracket_high"),
-    ("σ by the optimal-gain ratio", "{a}_sigma_white"),
-    ("Robust σ (median deviation)", "{a}_sigma_robust"),
-    ("σ with bin-mean gains", "{a}_sigma_mean_gains"),
-    ("RMS with lag", "{a}_rms_with_lag"),
-    ("Residual σ", "{a}_residual_sigma"),
-    ("Residual mean", "{a}_residual_mean"),
-    ("Residual kurtosis (normal: 3)", "{a}_residual_kurtosis"),
+    ("σ of the estimate (m)", "{a}_sigma"),
+    ("  by optimal-gain ratio", "{a}_sigma_white"),
+    ("  robust", "{a}_sigma_robust"),
+    ("  bracket, any motion", "{a}_sigma_bracket_low"),
+    ("RMS with lag (m)", "{a}_rms_with_lag"),
+    ("Residual σ (m)", "{a}_residual_sigma"),
+    ("Residual mean (m)", "{a}_residual_mean"),
+    ("Kurtosis (normal: 3)", "{a}_residual_kurtosis"),
     ("Lag-one correlation", "{a}_residual_correlation"),
-    ("  expected, noise only", "{a}_residual_correlation_noise_only"),
+    ("  for noise only", "{a}_residual_correlation_noise_only"),
     ("Mean α", "alpha_{a}"),
     ("Mean β", "beta_{a}"),
-    ("p: no bias", "{a}_bias_p"),
-    ("p: white", "{a}_whiteness_p"),
-    ("p: normal", "{a}_normality_p"),
-    ("p: σ independent of SNR", "{a}_snr_homogeneity_p"),
-    ("p: σ independent of range", "{a}_range_homogeneity_p"),
+    ("p, no bias", "{a}_bias_p"),
+    ("p, white", "{a}_whiteness_p"),
+    ("p, normal", "{a}_normality_p"),
+    ("p, one σ over SNR", "{a}_snr_homogeneity_p"),
+    ("p, one σ over range", "{a}_range_homogeneity_p"),
 )
 
 
@@ -247,13 +277,13 @@ def _bin_page(result: Result, edges: tuple[float, float], number: int | None) ->
     title = f"{_variable_name(variable)} {edges_text(variable, *edges)}"
     of = {r.quantity: r for r in pooled(result) if (r.bin_low, r.bin_high) == edges}
     present = [axis for axis in AXES if f"{axis}_sigma" in of]
-    blocks: list[Block] = [_bin_headline(of, present)]
+    here = [r for r in result.rows if (r.bin_low, r.bin_high) == edges]
+    blocks: list[Block] = [_bin_headline(here)]
     blocks += _flag_words(of, present)
     grid = [row for axis in present if (row := _bin_panels(result.series, axis, number, of))]
     if grid:
         blocks.append(Figure(
-            "Samples over time; histogram with the normal curve of the same mean and sigma; quantiles against normal "
-            "quantiles; autocorrelation with the 95 % limits of white noise.",
+            "Samples over time; histogram with the normal curve; Q-Q; autocorrelation with white noise's 95 % limits.",
             _bin_alt(title, of, present),
             grid, "compact",
         ))  # fmt: skip
@@ -262,16 +292,18 @@ def _bin_page(result: Result, edges: tuple[float, float], number: int | None) ->
         rows = [of.get(pattern.format(a=axis)) for axis in present]
         if any(r is not None and math.isfinite(r.value) for r in rows):
             cells: list[str | Cell] = [name]
-            for r in rows:
-                cells += [value_text(r), interval_text(r)] if r is not None else [MISSING, MISSING]
+            for axis, r in zip(present, rows, strict=True):
+                if r is None:
+                    cells += [MISSING, MISSING]
+                elif r.quantity.endswith("_bracket_low"):
+                    cells += ["", span_text(value_text(r), value_text(of[f"{axis}_sigma_bracket_high"]))]
+                else:
+                    cells += [value_text(r), interval_text(r)]
             body.append(cells)
-    head = ["Metres unless a pure number"]
+    head = [""]
     for axis in present:
-        head += [_NAMES[axis], "interval"]
+        head += [_NAMES[axis], "Interval"]
     blocks.append(Table("Numbers", head, body))
-    groups = [r for r in result.rows if (r.bin_low, r.bin_high) == edges and (r.group or r.track_id)]
-    if groups:
-        blocks.append(headline_table(result, caption="Groups", rows=groups))
     return Section(title, blocks, own_page=True, level=2, key=f"bin-{number if number is not None else edges[0]:g}")
 
 
@@ -280,19 +312,21 @@ def _bin_alt(title: str, of: Mapping[str, Estimate], present: Sequence[str]) -> 
     return f"{title}: " + ", ".join(parts) + "."
 
 
-def _bin_headline(of: Mapping[str, Estimate], present: Sequence[str]) -> Table:
-    head, cells = ["Samples", "Effective"], []
-    first = of[f"{present[0]}_sigma"]
-    cells += [str(first.n), plain_number(first.n_eff, 4)]
-    for axis in present:
-        r = of.get(AXES[axis])
-        if r is not None:
-            head.append(f"{quantity_name(r.quantity)} ({shown(r.unit).unit})")
-            cells.append(estimate_text(r))
-    if "snr" in of:
-        head.append("SNR (dB)")
-        cells.append(estimate_text(of["snr"]))
-    return Table("", head, [[Cell(c, strong=True) for c in cells]], "r" * len(head))
+def _bin_headline(rows: Sequence[Estimate]) -> Table:
+    """The bin in a line, and a line for each group when there is more than one."""
+    quantities = [q for q in (*AXES.values(), "snr") if any(r.quantity == q for r in rows)]
+    chosen = without_lone_groups(lines(rows, quantities))
+    head = ["Samples of", "n", "Effective"]
+    for q in quantities:
+        unit = next(shown(r.unit).unit for r in rows if r.quantity == q)
+        head.append(f"{quantity_name(q)} ({unit})")
+    body: list[list[str | Cell]] = []
+    for line in chosen:
+        strong = not (line.first.group or line.first.track_id)
+        cells = [line.first.group or line.first.track_id or "all", counts(line), plain_number(line.first.n_eff, 4)]
+        cells += [estimate_text(line.of[q]) if q in line.of else MISSING for q in quantities]
+        body.append([Cell(c, strong=strong) for c in cells])
+    return Table("The bin in short", head, body, "l" + "r" * (len(head) - 1))
 
 
 def _flag_words(of: Mapping[str, Estimate], present: Sequence[str]) -> list[Block]:
@@ -302,7 +336,11 @@ def _flag_words(of: Mapping[str, Estimate], present: Sequence[str]) -> list[Bloc
             axes_of.setdefault(flag, []).append(_NAMES[axis].lower())
     if not axes_of:
         return [Notice("No test raised a flag in this bin.", "good")]
-    text = " ".join(f"{flag} ({', '.join(axes)}): {FLAGS.get(flag, '')}" for flag, axes in axes_of.items())
+    every = len(present)
+    text = " ".join(
+        f"{flag}{'' if len(axes) == every else ' (' + ', '.join(axes) + ')'}: {FLAGS.get(flag, '')}"
+        for flag, axes in axes_of.items()
+    )
     return [Notice(text, "caution", "Flags")]
 
 
@@ -316,7 +354,7 @@ def _bin_panels(
     samples = series[f"{here}/samples"]
     panels: list[Panel | None] = [
         Panel(
-            f"{name}: samples", "Time (s)", "Residual (m)",
+            name, "Time (s)", "Residual (m)",
             [Mark("points", samples["time_s"], samples["residual"]), Mark("rule", y=[0.0], role="reference")],
             share_x="time",
         )

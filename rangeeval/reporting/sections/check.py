@@ -15,12 +15,15 @@ def sections(result: Result) -> list[Section]:
         unit = next((row.unit for row in result.rows if row.extra["requirement"] == number), "")
         when = ", ".join(f"{k} = {v:g}" for k, v in r["when"].items())
         blocks.append(Paragraph(
-            f"{number}. {r['name'] or 'Requirement'}: {quantity_name(r['quantity'])} at most {in_shown_unit(r['limit'], unit)} "
+            f"{number}. {r['name'] or 'Requirement'}: {quantity_name(r['quantity'])} at most "
+            f"{in_shown_unit(r['limit'], unit)} "
             f"with {r['confidence'] * 100:g} % confidence{f', where {when}' if when else ''}."
         ))  # fmt: skip
     method = Paragraph(
-        "A bin passes when the one-sided upper bound of sigma is within the limit and fails when the lower bound is beyond "
-        "it; anything else is inconclusive: the data do not decide. Whether the target manoeuvred is not known, so a bin "
+        "A bin passes when the one-sided upper bound of sigma is within the limit and fails when the lower bound is "
+        "beyond "
+        "it; anything else is inconclusive: the data do not decide. Whether the target manoeuvred is not known, so a "
+        "bin "
         "passes or fails only if it does so both by the noise-only and by the optimal-gain ratio. “All bins” judges "
         "each bin at the level at which all bins of the requirement hold together (Bonferroni). “More samples” is "
         "how many more would decide if sigma stays as it is."

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from rangeeval.model import Problem, Result, gather
-from rangeeval.reporting.blocks import Block, Cell, Notice, Paragraph, Section, Table
+from rangeeval.reporting.blocks import Block, Cell, Figure, Notice, Paragraph, Section, Table
 from rangeeval.reporting.tables import headline_table, pooled, verdict_table
-from rangeeval.reporting.wording import FLAGS, plain_number
+from rangeeval.reporting.wording import FLAGS
 
 _CANNOT_SEE = (
-    "These numbers come from the tracker's own residuals and gains, without truth. They show the random error. A constant "
+    "These numbers come from the tracker's own residuals and gains, without truth. They show the random error. A "
+    "constant "
     "bias (range zero offset, boresight error) leaves no trace in residuals and is not in any number here."
 )
 
 
-def summary_section(results: Sequence[Result]) -> Section:
+def summary_section(results: Sequence[Result], summary_figure: Callable[[Result], Figure | None]) -> Section:
     """Verdicts first, then the headline numbers of every analysis, then what a reader must not overlook."""
     blocks: list[Block] = []
     for result in results:
@@ -27,6 +28,7 @@ def summary_section(results: Sequence[Result]) -> Section:
         if result.analysis == "accuracy":
             blocks.append(Notice(_CANNOT_SEE, "info", "What these numbers cannot see"))
         blocks.append(headline_table(result, caption=_headline_caption(result), rows=pooled(result)))
+        blocks += [figure] if (figure := summary_figure(result)) else []
     rejected = sum(p.count for p in _problems(results) if p.rejected)
     if rejected:
         blocks.append(Paragraph("Rows that were set aside are counted, with reasons, in the chapter on what was read."))
@@ -84,7 +86,7 @@ def inputs_section(results: Sequence[Result]) -> Section:
     ]
     counts = results[0].settings.get("counts") or {}
     if counts:
-        words = [[name.replace("_", " "), plain_number(float(value), 9)] for name, value in counts.items()]
+        words = [[name.replace("_", " "), f"{int(value):,}"] for name, value in counts.items()]
         blocks.append(Table("Rows counted", ["What", "Rows"], words, "lr"))
     problems = _problems(results)
     if problems:
