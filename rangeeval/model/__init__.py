@@ -5,7 +5,7 @@ from rangeeval.model.kinds import KINDS, Column, LogKind, recognise
 from rangeeval.model.result import Estimate, Result
 from rangeeval.model.settings import TrialSettings, settings_from
 from rangeeval.model.table import CHUNK_ROWS, Log, Problem, Table, gather, log_of
-from rangeeval.model.trial import Source, Trial
+from rangeeval.model.trial import Source, Trial, as_trial
 from rangeeval.model.updates import updates
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     "Table",
     "Trial",
     "TrialSettings",
+    "as_trial",
     "gather",
     "log_of",
     "recognise",

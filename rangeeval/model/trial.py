@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from rangeeval.errors import InputError
+from rangeeval.model.kinds import KINDS, recognise
 from rangeeval.model.settings import TrialSettings
-from rangeeval.model.table import Log, Problem
+from rangeeval.model.table import Log, Problem, log_of
 
 
 @dataclass(frozen=True)
@@ -58,3 +61,24 @@ class Trial:
                 f"{self.name} holds {len(logs)} logs of kind '{kind}' ({names}); put each run in a folder of its own"
             )
         return logs[0]
+
+
+def as_trial(source: Trial | Mapping[str, Any] | Any, settings: TrialSettings | None = None) -> Trial:
+    """A trial as it is, or one made of plain tables: one table of columns, or tables by log kind.
+
+    A table is a pandas DataFrame or a dict of sequences, in stored names and units (`range_residual_m`, ...).
+    Raises InputError when it is neither, or when its columns are those of no kind of log.
+    """
+    if isinstance(source, Trial):
+        return source
+    if not hasattr(source, "keys"):
+        raise InputError(f"expected a Trial or a table of columns, not {type(source).__name__}; open_trial reads files")
+    names = list(map(str, source))
+    if names and set(names) <= set(KINDS):
+        logs = tuple(log_of(kind, source[kind], kind) for kind in names)
+    else:
+        kind = recognise(names)
+        if kind is None:
+            raise InputError(f"these columns are of no kind of log: {', '.join(names[:8])}")
+        logs = (log_of(kind.name, source, kind.name),)
+    return Trial("table", logs, settings or TrialSettings())

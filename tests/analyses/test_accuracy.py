@@ -387,6 +387,24 @@ def test_manoeuvre_far_beyond_the_design_is_flagged(alpha):
     assert flagged >= 19
 
 
+@pytest.mark.parametrize("mult", [0.0, 1.0, 3.0])
+def test_sigma_from_the_residuals_own_correlation_needs_no_motion_model(mult):
+    """With 20,000 updates it is within 5 % of the truth at no, designed and tripled manoeuvre; the noise-only ratio is not."""
+    from rangeeval.tracking.alpha_beta import steady_state_covariance, tracking_index
+
+    alpha, beta = 0.6, float(beta_from_alpha(0.6))
+    design = mult * float(tracking_index(alpha, beta))
+    truth = float(np.sqrt(steady_state_covariance(alpha, beta, sigma_a=design)[0][0, 0]))
+    data = columns(20_000)
+    data["range_predicted_m"] = np.linspace(50_000, 54_000, 20_000)
+    data["range_residual_m"] = filtered(np.random.default_rng(11), 20_000, alpha, beta, design)
+    data["alpha_range"][:], data["beta_range"][:] = alpha, beta
+    result = accuracy(trial_of(data), Bins())
+    assert row(result, "range_sigma_autocovariance").value == pytest.approx(truth, rel=0.05)
+    low, high = (row(result, f"range_sigma_bracket_{end}").value for end in ("low", "high"))
+    assert low <= truth <= high
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("alpha", "sigma_a"), [(0.5, 0.0), (0.3, 0.0), (0.5, 1.0), (0.7, 1.0)])
 def test_intervals_of_the_whole_analysis_cover(alpha, sigma_a):
@@ -410,7 +428,26 @@ def test_intervals_of_the_whole_analysis_cover(alpha, sigma_a):
     assert 0.93 <= held / 400 <= 0.975
 
 
-def test_a_plain_table_is_not_needed_in_a_file():
+def test_plain_tables_are_as_good_as_a_trial():
+    """A DataFrame, a dict of columns, or one table a log kind give what the trial gives."""
+    import pandas as pd
+
+    data = columns(300)
+    expected = accuracy(trial_of(data)).to_json()
+    gains = {k: v for k, v in data.items() if k.startswith(("alpha", "beta", "time"))}
+    residuals = {k: v for k, v in data.items() if not k.startswith(("alpha", "beta"))}
+    for source in (data, pd.DataFrame(data)):
+        assert accuracy(source).rows == accuracy(trial_of(data)).rows
+    apart = accuracy({"residuals": residuals, "gains": gains})
+    assert [r.value for r in apart.rows] == pytest.approx([r.value for r in accuracy(data).rows], nan_ok=True)
+    assert '"accuracy"' in expected
+    with pytest.raises(InputError, match="of no kind of log"):
+        accuracy({"a": [1.0]})
+    with pytest.raises(InputError, match="open_trial reads files"):
+        accuracy("folder")
+
+
+def test_every_error_can_be_caught_as_one():
     """Every error is a RangeevalError, so that a caller can catch one thing."""
     with pytest.raises(RangeevalError):
         log_of("residuals", {"time_s": [0.0]})

@@ -168,9 +168,10 @@ def test_unusable_samples_are_not_counted():
 
 def test_legs_turn_where_the_range_turns():
     """Inbound to the closest point and outbound after it, in spite of noise, and never by a single sample."""
-    rng = np.abs(np.linspace(30e3, -30e3, 500)) + 8e3 + np.random.default_rng(8).normal(0, 20, 500)
-    track = np.zeros(500, np.int32)
-    mark, leg, duplicates, late = Follower().follow(np.arange(500.0), track, rng, np.ones(500))
+    n = 2000
+    rng = np.abs(np.linspace(30e3, -30e3, n)) + 8e3 + np.random.default_rng(8).normal(0, 15, n)
+    track = np.zeros(n, np.int32)
+    mark, leg, duplicates, late = Follower().follow(np.arange(float(n)), track, rng, np.ones(n))
     turn = int(np.argmin(rng))
     assert set(leg[: turn - 3]) == {-1}
     assert set(leg[turn + 3 :]) == {1}

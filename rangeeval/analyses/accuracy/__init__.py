@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 from rangeeval.analyses.accuracy.gathering import gather_cells
 from rangeeval.analyses.accuracy.numbers import Method, bin_estimates
 from rangeeval.analyses.accuracy.series import figure_series
 from rangeeval.errors import SettingsError, did_you_mean
-from rangeeval.model import Bins, Result, Trial
+from rangeeval.model import Bins, Result, Trial, as_trial
 
 ESTIMATORS = ("recommended", "paper")
 
 
 def accuracy(
-    trial: Trial,
+    trial: Trial | Any,
     bins: Bins | None = None,
     *,
     confidence: float = 0.95,
@@ -29,7 +30,8 @@ def accuracy(
 
     Parameters
     ----------
-    trial : holds a `residuals` log, with its gains in it or in a `gains` log (SI columns, CONTRACT section 3).
+    trial : holds a `residuals` log, with its gains in it or in a `gains` log (SI columns, CONTRACT section 3); or
+        plain tables: a DataFrame of residuals with gains, or `{"residuals": ..., "gains": ...}`.
     bins : bins of the predicted range unless they say otherwise; by default those of the trial's settings.
     confidence : of the two-sided intervals.
     estimator : `recommended` (mean removed, gain ratio per sample, start-up removed, groups, diagnostics) or
@@ -48,6 +50,7 @@ def accuracy(
     ----------
     Shin and Kim (2015), eqs 9-13 and 22-32, as corrected in docs/explanation/accuracy.md.
     """
+    trial = as_trial(trial)
     bins = bins or Bins.of(trial.settings.bins)
     if estimator not in ESTIMATORS:
         raise SettingsError(f"estimator '{estimator}' is not known; {did_you_mean(estimator, ESTIMATORS)}")
