@@ -133,9 +133,7 @@ def pair_tilt(
     return tilt(weights[0] * _float(upper) + weights[1] * _float(lower), gravity)
 
 
-def pair_acceleration(
-    upper: ArrayLike, lower: ArrayLike, radius_upper_m: float, radius_lower_m: float
-) -> FloatArray:
+def pair_acceleration(upper: ArrayLike, lower: ArrayLike, radius_upper_m: float, radius_lower_m: float) -> FloatArray:
     """Angular acceleration (rad/s^2) from a pair: (f_U - f_L)/(R_U - R_L). Kim (2011), eq 8."""
     slope = height_weights((radius_upper_m, radius_lower_m)).slope
     acceleration: FloatArray = slope[0] * _float(upper) + slope[1] * _float(lower)
@@ -163,9 +161,7 @@ def noise_amplification(radii_m: Sequence[float]) -> float:
     return float(np.linalg.norm(height_weights(radii_m).centre))
 
 
-def tilt_sigma(
-    weights: ArrayLike, noise: ArrayLike, gravity: ArrayLike, alpha: ArrayLike = 0.0
-) -> FloatArray:
+def tilt_sigma(weights: ArrayLike, noise: ArrayLike, gravity: ArrayLike, alpha: ArrayLike = 0.0) -> FloatArray:
     """Sigma (rad) of the tilt at the centre from independent sensor noises (m/s^2)."""
     spread = np.sqrt(np.sum((_float(weights) * _float(noise)) ** 2))
     sigma: FloatArray = spread / (_float(gravity) * np.cos(_float(alpha)))
@@ -187,9 +183,7 @@ def lever_error_peak(lever_m: ArrayLike, frequency_hz: ArrayLike, dynamic: Array
     return peak
 
 
-def bias_error(
-    weights: ArrayLike, biases_m_s2: ArrayLike, gravity: ArrayLike, alpha: ArrayLike = 0.0
-) -> FloatArray:
+def bias_error(weights: ArrayLike, biases_m_s2: ArrayLike, gravity: ArrayLike, alpha: ArrayLike = 0.0) -> FloatArray:
     """Tilt error (rad) from sensor biases: (R_U b_L - R_L b_U)/((R_U - R_L) g cos(alpha))."""
     error: FloatArray = np.sum(_float(weights) * _float(biases_m_s2)) / (_float(gravity) * np.cos(_float(alpha)))
     return error
@@ -201,7 +195,9 @@ def skew_error_peak(
     """Peak tilt error (rad) when the lower sensor's samples are late by `skew_s` against the upper's (first order)."""
     w = 2 * np.pi * frequency_hz
     lower = abs(gravity - radius_lower_m * w**2) * dynamic
-    peak: FloatArray = w * np.abs(_float(skew_s)) * lower * abs(radius_upper_m / (radius_upper_m - radius_lower_m)) / gravity
+    peak: FloatArray = (
+        w * np.abs(_float(skew_s)) * lower * abs(radius_upper_m / (radius_upper_m - radius_lower_m)) / gravity
+    )
     return peak
 
 
@@ -254,7 +250,9 @@ def radii_from_oscillation(
     return radii
 
 
-def radius_from_reference(force: ArrayLike, alpha: ArrayLike, alpha_dd: ArrayLike, gravity: float) -> tuple[float, float]:
+def radius_from_reference(
+    force: ArrayLike, alpha: ArrayLike, alpha_dd: ArrayLike, gravity: float
+) -> tuple[float, float]:
     """Radius (m) of one sensor and its standard error, by least squares against a reference attitude.
 
     `alpha`, `alpha_dd`: from an inclinometer or INS, at the samples of `force`; a constant bias is fitted and dropped.

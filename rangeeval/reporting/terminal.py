@@ -8,7 +8,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from rangeeval.errors import one_line
 from rangeeval.reporting.blocks import Cell, Table
-from rangeeval.reporting.tables import headline_table, verdict_table
+from rangeeval.reporting.tables import short_tables, verdict_table
 from rangeeval.reporting.wording import NBSP
 
 if TYPE_CHECKING:
@@ -20,18 +20,22 @@ _NOTE = {
         "σ: random error only, with its {confidence:.0%} interval. "
         "A constant bias leaves no trace in residuals and is not in these numbers."
     ),
+    "attitude": (
+        "Intervals: {confidence:.0%}. The pair's attitude stands for the truth; sway of the rotation centre, bias and wrong "
+        "radii are not in its σ but in the budget (--format json)."
+    ),
     "check": "All bins: the verdict at the level that holds for all bins of the requirement together (Bonferroni).",
 }
 
 
 def as_text(result: Result, stream: IO[str] | None = None) -> str:
     """The result's short table as text, in colour when `stream` is a terminal."""
-    table = (
-        verdict_table(result, caption="Requirements")
+    tables = (
+        [verdict_table(result, caption="Requirements")]
         if result.analysis == "check"
-        else headline_table(result, caption=result.analysis.capitalize())
+        else short_tables(result, caption=result.analysis.capitalize())
     )
-    return text_of(table, stream) + _NOTE.get(result.analysis, "").format(**result.settings) + "\n"
+    return "\n".join(text_of(table, stream) for table in tables) + _NOTE.get(result.analysis, "").format(**result.settings) + "\n"
 
 
 def text_of(table: Table, stream: IO[str] | None = None) -> str:

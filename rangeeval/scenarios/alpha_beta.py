@@ -103,9 +103,7 @@ def simulate_alpha_beta(
     if scenario.switch_range_m:
         residuals["waveform"] = [("LONG", "SHORT")[w] for w in log.waveform.tolist()]
     gains = key | {
-        f"{gain}_{a}": column(getattr(log, f"{gain}_{a}"), 6)
-        for a in ("range", "y", "z")
-        for gain in ("alpha", "beta")
+        f"{gain}_{a}": column(getattr(log, f"{gain}_{a}"), 6) for a in ("range", "y", "z") for gain in ("alpha", "beta")
     }
     written = [write_csv(folder / "residuals.csv", residuals), write_csv(folder / "gains.csv", gains)]
     if not no_truth:

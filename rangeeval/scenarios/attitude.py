@@ -20,6 +20,7 @@ from rangeeval.scenarios.files import column, write_csv
 Array = NDArray[np.float64]
 
 DURATION_S = 330.0  # 100 km at 300 m/s, up to 1 km before the closest point
+UPDATE_S = 0.47  # between plots: in no simple ratio to the oscillation, so that they meet all its phases
 
 _TRIAL_TOML = """\
 # A simulated trial: seed {seed}. A radar rocks at {frequency:g} Hz while a target flies in from 100 km.
@@ -60,7 +61,9 @@ def table_1_attitude(time_s: Array, frequency_hz: float = 0.8) -> tuple[Array, A
 
 def table_1_path(time_s: Array, speed_m_s: float = 300.0) -> Array:
     """Target position (n, 3), north, up, east in m: 2 km up, 2 km aside, inbound from 100 km over a flat earth."""
-    return np.stack([100_000.0 - speed_m_s * time_s, np.full_like(time_s, 2000.0), np.full_like(time_s, 2000.0)], axis=-1)
+    return np.stack(
+        [100_000.0 - speed_m_s * time_s, np.full_like(time_s, 2000.0), np.full_like(time_s, 2000.0)], axis=-1
+    )
 
 
 def simulate_attitude(
@@ -107,7 +110,7 @@ def simulate_attitude(
         clean_z = reading(z, z_dd, radius, g)
         for axis, clean in (("x", clean_x), ("z", clean_z)):
             tilt[f"{place}_{axis}_accel_m_s2"] = column((clean + sigma * rng.standard_normal(time.size))[keep], 6)
-    seen = np.arange(0.0, DURATION_S + 0.25, 0.5)
+    seen = np.arange(0.0, DURATION_S, UPDATE_S)
     position = table_1_path(seen)
     ax, az, *_ = table_1_attitude(seen, frequency)
     # What the antenna sees, turned back by a radar that takes itself for level.

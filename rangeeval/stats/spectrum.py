@@ -88,7 +88,10 @@ def sine_fit(time_s: ArrayLike, values: ArrayLike, frequency_hz: float) -> SineF
     variance = left / max(x.size - 3, 1)
     try:
         covariance = np.linalg.inv(normal) * variance
-        offset_error, amplitude_error = float(np.sqrt(covariance[2, 2])), float(np.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1])))
+        offset_error, amplitude_error = (
+            float(np.sqrt(covariance[2, 2])),
+            float(np.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1]))),
+        )
     except np.linalg.LinAlgError:
         offset_error = amplitude_error = float("nan")
     return SineFit(mean + float(offset), amplitude, phase, left, x.size, frequency_hz, offset_error, amplitude_error)
@@ -210,5 +213,7 @@ def line_level(frequency_hz: FloatArray, density: FloatArray, at_hz: float, widt
     if not density.size or not np.isfinite(at_hz):
         return float("nan")
     k = int(np.argmin(np.abs(frequency_hz - at_hz)))
-    near = np.r_[max(1, k - width) : max(1, k - skip), min(k + skip + 1, density.size) : min(k + width + 1, density.size)]
+    near = np.r_[
+        max(1, k - width) : max(1, k - skip), min(k + skip + 1, density.size) : min(k + width + 1, density.size)
+    ]
     return float(np.median(density[near])) if near.size else float("nan")

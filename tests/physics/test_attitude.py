@@ -48,7 +48,9 @@ def test_one_accelerometer_on_the_table_1_radar():
         force = at.reading(alpha, -DEG * dynamic * w**2 * np.sin(w * t), 5.0, G)
         seen = np.rad2deg(np.abs(at.tilt(force, G) - alpha).max())
         assert seen == pytest.approx(peak, abs=6e-4)
-        assert np.rad2deg(at.single_error_peak(static * DEG, dynamic * DEG, at.lever_ratio(5.0, 0.8, G))) == pytest.approx(seen, rel=1e-7)
+        assert np.rad2deg(
+            at.single_error_peak(static * DEG, dynamic * DEG, at.lever_ratio(5.0, 0.8, G))
+        ) == pytest.approx(seen, rel=1e-7)
 
 
 @pytest.mark.parametrize("radii", [(5.0, 1.0), (5.0, 0.0), (5.0, -5.0), (-1.0, -4.0), (5.0, 4.5)])
@@ -166,9 +168,13 @@ def test_systematic_errors_are_what_a_record_shows():
 
     alpha = static + dynamic * np.sin(w * t)
     wrong = at.pair_tilt(force(5.0), force(1.0), 5.05, 0.9, G) - alpha
-    assert np.abs(wrong).max() == pytest.approx(at.lever_error_peak(at.residual_lever((5.0, 1.0), (0.05, -0.1)), f, dynamic, G), rel=1e-3)
+    assert np.abs(wrong).max() == pytest.approx(
+        at.lever_error_peak(at.residual_lever((5.0, 1.0), (0.05, -0.1)), f, dynamic, G), rel=1e-3
+    )
     biased = at.pair_tilt(force(5.0) + 0.02, force(1.0) - 0.01, 5.0, 1.0, G) - alpha
-    assert biased.mean() == pytest.approx(at.bias_error(at.height_weights((5.0, 1.0)).centre, (0.02, -0.01), G, static), rel=1e-3)
+    assert biased.mean() == pytest.approx(
+        at.bias_error(at.height_weights((5.0, 1.0)).centre, (0.02, -0.01), G, static), rel=1e-3
+    )
     late = at.pair_tilt(force(5.0), force(1.0, t - 0.01), 5.0, 1.0, G) - alpha
     assert np.abs(late).max() == pytest.approx(at.skew_error_peak(5.0, 1.0, 0.01, f, dynamic, G), rel=2e-3)
 
@@ -182,7 +188,9 @@ def test_radii_come_back_from_an_oscillation():
         found = at.radii_from_oscillation(amplitudes, r - r[-1], 0.8, 0.04, G)
         assert found == pytest.approx(r, abs=1e-9)
     rho, d = (G - 5 * w2) / (G - 1 * w2), 4.0
-    assert at.radii_from_oscillation([rho, 1.0], [d, 0.0], 0.8, 0.0, G)[0] == pytest.approx(G / w2 - rho * d / (1 - rho))
+    assert at.radii_from_oscillation([rho, 1.0], [d, 0.0], 0.8, 0.0, G)[0] == pytest.approx(
+        G / w2 - rho * d / (1 - rho)
+    )
     with pytest.raises(ValueError, match="equal amplitudes"):
         at.radii_from_oscillation([1.0, 1.0], [4.0, 0.0], 0.8, 0.0, G)
 

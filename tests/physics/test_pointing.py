@@ -109,6 +109,19 @@ def test_sigmas_propagate_as_random_errors_do():
     assert (d_az.std(), d_el.std()) == pytest.approx((across, up), rel=0.01)
 
 
+def test_a_tilted_radar_turns_pitch_noise_into_azimuth():
+    """At 3 degrees of roll and 1 degree of elevation azimuth scatters as the sensitivities say, 2.5 times what a level radar's does."""
+    rng = np.random.default_rng(7)
+    dx, dz = 0.002 * rng.standard_normal((2, 100_000))
+    attitude = (3 * DEG, 2 * DEG)
+    d_az, d_el = po.report_error(0.02, 1 * DEG, 0.0, attitude, (attitude[0] + dx, attitude[1] + dz))
+    (ax, az), (ex, ez) = po.report_sensitivity(0.02, 1 * DEG, 0.0, attitude)
+    assert d_az.std() == pytest.approx(0.002 * np.hypot(ax, az), rel=0.01)
+    assert d_el.std() == pytest.approx(0.002 * np.hypot(ex, ez), rel=0.01)
+    level = po.pointing_sigma(0.02, 1 * DEG, 0.002, 0.002)[0]
+    assert d_az.std() / level == pytest.approx(2.5, rel=0.25)
+
+
 def test_correction_undoes_what_the_attitude_did():
     """Angles made by a radar that takes itself for level come back to the truth with its real attitude."""
     rng = np.random.default_rng(9)

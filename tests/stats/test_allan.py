@@ -30,7 +30,7 @@ def test_too_few_averages_are_missing():
     assert np.isnan(allan_deviation(np.arange(5.0), [3, 0])).all()
     assert averaging_lengths(5).size == 0
     assert averaging_lengths(900).max() == 100
-    assert BIAS_INSTABILITY == pytest.approx(np.sqrt(2 * np.log(2) / np.pi), abs=5e-4)
+    assert pytest.approx(np.sqrt(2 * np.log(2) / np.pi), abs=5e-4) == BIAS_INSTABILITY
 
 
 def test_degrees_of_freedom_are_the_scatter_of_repeated_records():

@@ -41,7 +41,10 @@ def test_the_peaks_standard_error_is_what_repeated_records_scatter():
     """Over 400 noisy records the found frequency scatters by the error given, within a tenth."""
     rng = np.random.default_rng(2)
     t = np.arange(500) * 0.1
-    found = [spectral_peak(np.sin(2 * np.pi * 0.8 * t + p) + 0.5 * rng.standard_normal(500), 0.1) for p in rng.uniform(0, 6, 400)]
+    found = [
+        spectral_peak(np.sin(2 * np.pi * 0.8 * t + p) + 0.5 * rng.standard_normal(500), 0.1)
+        for p in rng.uniform(0, 6, 400)
+    ]
     assert np.std(found) == pytest.approx(frequency_error(1.0, 0.5, 500, 0.1), rel=0.12)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -15,14 +16,14 @@ from rangeeval.analyses.attitude.series import motion_series, pointing_series
 from rangeeval.analyses.attitude.setup import AXES, set_up
 from rangeeval.analyses.attitude.targets import target_path
 from rangeeval.errors import SettingsError
-from rangeeval.model import Bins, Estimate, Problem, Result, Trial, gather
+from rangeeval.model import Bins, Estimate, Problem, Result, Trial, as_trial, gather
 from rangeeval.model.result import Series
 
 __all__ = ["CorrectedPlots", "attitude", "correct_plots"]
 
 
 def attitude(
-    trial: Trial,
+    trial: Trial | Any,
     bins: Bins | None = None,
     *,
     confidence: float = 0.95,
@@ -36,7 +37,7 @@ def attitude(
 
     Parameters
     ----------
-    trial : holds one or more `tilt` logs; for errors per bin also a truth, plots or residual log.
+    trial : holds one or more `tilt` logs; for errors per bin also a truth, plots or residual log. Plain tables do.
     bins : of the target's path; by default those of the trial's settings.
     confidence : of the two-sided intervals.
     progress : called with the number of rows read since the last call.
@@ -49,6 +50,7 @@ def attitude(
     ----------
     Kim (2011), eqs 1-20, as corrected in docs/explanation/attitude.md.
     """
+    trial = as_trial(trial)
     bins = bins or Bins.of(trial.settings.bins)
     if not 0.0 < confidence < 1.0:
         raise SettingsError(f"confidence is {confidence:g}, expected more than 0 and less than 1")
@@ -95,7 +97,9 @@ def attitude(
             "gravity": setup.gravity,
             "gravity_from": setup.gravity_from,
             "single_sensor": setup.single,
-            "radii": {f"{m.sensors[i]}_{a}": r for a, m in motions.items() if m.radii for i, r in enumerate(m.radii.values)},
+            "radii": {
+                f"{m.sensors[i]}_{a}": r for a, m in motions.items() if m.radii for i, r in enumerate(m.radii.values)
+            },
             "assumed_x_deg": setup.settings.assumed_x_deg,
             "assumed_z_deg": setup.settings.assumed_z_deg,
             "radius_sigma_m": setup.settings.radius_sigma_m,

@@ -80,7 +80,9 @@ def correct_plots(trial: Trial, *, progress: Callable[[int], None] | None = None
     good = known & whole
     extra = [f for f in ("one-sensor", "no-radii", "one-axis", "calibrated", "saturated") if f in found.flags]
     words = [
-        " ".join([*(["no-attitude"] if not k else []), *(["no-elevation"] if not w else []), *(extra if k and w else [])])
+        " ".join(
+            [*(["no-attitude"] if not k else []), *(["no-elevation"] if not w else []), *(extra if k and w else [])]
+        )
         for k, w in zip(known.tolist(), whole.tolist(), strict=True)
     ]
     columns: dict[str, list[float] | list[str]] = {}

@@ -138,9 +138,7 @@ class _Pass:
         self.problems: list[Problem] = list(setup.problems)
         self.columns = [[c.column for c in setup.channels if c.log == i] for i in range(len(setup.logs))]
         self.rows = [[k for k, c in enumerate(setup.channels) if c.log == i] for i in range(len(setup.logs))]
-        self.others = [
-            _Follower(log, self.columns[i], self.problems) for i, log in enumerate(setup.logs) if i
-        ]
+        self.others = [_Follower(log, self.columns[i], self.problems) for i, log in enumerate(setup.logs) if i]
         self.watches = [ChannelWatch() for _ in setup.channels]
         self.blocks = Blocks(len(setup.channels) + 1)
         self.spectra: dict[str, CrossSpectra] = {}
@@ -223,14 +221,20 @@ class _Pass:
             for sensor in dict.fromkeys(c.sensor for c in self.setup.channels if c.log == 0):
                 if f"{sensor}_y_accel_m_s2" not in table:
                     continue
-                parts = [table.floats(f"{sensor}_{a}_accel_m_s2") for a in ("x", "y", "z") if f"{sensor}_{a}_accel_m_s2" in table]
+                parts = [
+                    table.floats(f"{sensor}_{a}_accel_m_s2")
+                    for a in ("x", "y", "z")
+                    if f"{sensor}_{a}_accel_m_s2" in table
+                ]
                 finite = np.all(np.isfinite(parts), axis=0)
                 mean = float(np.mean(np.linalg.norm(np.array(parts)[:, finite], axis=0))) if finite.any() else np.nan
                 if not np.isfinite(mean) or UNIT_LOW * g < mean < UNIT_HIGH * g:
                     continue
                 hint = ""
                 if UNIT_LOW < mean < UNIT_HIGH:
-                    hint = f": that is 1 g, so the readings are in g; end the column names in _g, not {_unit(log, sensor)}"
+                    hint = (
+                        f": that is 1 g, so the readings are in g; end the column names in _g, not {_unit(log, sensor)}"
+                    )
                 elif UNIT_LOW * g < mean / g < UNIT_HIGH * g:
                     hint = ": that is g squared, so the readings are in m/s^2; end the column names in _m_s2, not _g"
                 raise InputError(
@@ -313,7 +317,9 @@ class _Pass:
                 found, self.noise_left[a:b] = shares(self.times[a:b], with_tail, both, GAP * self.interval)
                 taken = np.isfinite(self.at_times[:, a:b])
                 # A time the clock showed twice has two attitudes: none is believed.
-                self.at_times[:, a:b] = np.where(taken, np.where(np.isclose(found, self.at_times[:, a:b]), found, np.nan), found)
+                self.at_times[:, a:b] = np.where(
+                    taken, np.where(np.isclose(found, self.at_times[:, a:b]), found, np.nan), found
+                )
         self.tail = (time[-1:], values[:, -1:])
 
     def _nothing(self) -> None:
@@ -373,14 +379,25 @@ class _Pass:
         if self.gaps:
             total = sum(b - a for a, b in self.gaps)
             shown = tuple(f"{a:.6g} to {b:.6g} s" for a, b in self.gaps[:5])
-            say(Problem(source, f"{_count(len(self.gaps), 'gap')}, {total:.4g} s together: no attitude is had there", 0, shown))
+            say(
+                Problem(
+                    source,
+                    f"{_count(len(self.gaps), 'gap')}, {total:.4g} s together: no attitude is had there",
+                    0,
+                    shown,
+                )
+            )
         if self.back:
             shown = tuple(f"from {a:.6g} back to {b:.6g} s" for a, b in self.back[:5])
-            text = f"the clock steps back {_count(len(self.back), 'time')}: no attitude is given to the times shown twice"
+            text = (
+                f"the clock steps back {_count(len(self.back), 'time')}: no attitude is given to the times shown twice"
+            )
             say(Problem(source, text, 0, shown))
         for k, (c, watch) in enumerate(zip(self.setup.channels, self.watches, strict=True)):
             if watch.constant and watch.state[10] > 20:
-                raise InputError(f"{source}: {c.column} never changes over {int(watch.state[10])} samples: the sensor is stuck")
+                raise InputError(
+                    f"{source}: {c.column} never changes over {int(watch.state[10])} samples: the sensor is stuck"
+                )
             if watch.stuck:
                 say(Problem(source, f"{c.column} stands still for over {watch.longest} samples: stuck, taken as missing",
                             watch.stuck, rejected=True))  # fmt: skip

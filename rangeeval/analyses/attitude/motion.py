@@ -291,15 +291,33 @@ def _from_one_sensor(found: _Fitted, setup: Setup, radii: Radii | None, index: i
     """One accelerometer reads (g - R w^2) alpha_d: with its radius known the oscillation follows, without it nothing does."""
     seen = found.dynamic
     if radii is None or not math.isfinite(seen.value):
-        return _Fitted(found.frequency, found.static, NOTHING, NOTHING, math.nan, found.flags, found.noise_limit, found.resting)
+        return _Fitted(
+            found.frequency, found.static, NOTHING, NOTHING, math.nan, found.flags, found.noise_limit, found.resting
+        )
     w2 = (2 * math.pi * found.frequency.value) ** 2
     shrink = abs(1 - radii.values[index] * w2 / (setup.gravity * math.cos(found.static.value)))
     if shrink < 0.05:  # the sensor stands where swing and tilt cancel: it sees nothing of this motion
-        return _Fitted(found.frequency, found.static, NOTHING, NOTHING, math.nan, (*found.flags, "unobservable"), found.noise_limit, found.resting)
+        return _Fitted(
+            found.frequency,
+            found.static,
+            NOTHING,
+            NOTHING,
+            math.nan,
+            (*found.flags, "unobservable"),
+            found.noise_limit,
+            found.resting,
+        )
     dynamic = Measured(seen.value / shrink, seen.error / shrink, seen.freedom, seen.n_eff)
     swing = Measured(dynamic.value * w2, dynamic.error * w2, dynamic.freedom, dynamic.n_eff)
     return _Fitted(
-        found.frequency, found.static, dynamic, swing, swing.value, (*found.flags, "assumes-sine"), found.noise_limit, found.resting
+        found.frequency,
+        found.static,
+        dynamic,
+        swing,
+        swing.value,
+        (*found.flags, "assumes-sine"),
+        found.noise_limit,
+        found.resting,
     )
 
 
@@ -329,7 +347,9 @@ def _calibrated(setup: Setup, axis: str, gathered: Gathered, forces: Array, foun
 
     try:
         values = radii(amplitudes)
-        parts = [(radii(amplitudes + e * unit) - values) ** 2 for e, unit in zip(errors, np.eye(len(errors)), strict=True)]
+        parts = [
+            (radii(amplitudes + e * unit) - values) ** 2 for e, unit in zip(errors, np.eye(len(errors)), strict=True)
+        ]
     except ValueError:
         return None
     by_frequency = 2 * setup.gravity / (2 * math.pi * found.frequency_hz) ** 2 * found.error_hz / found.frequency_hz
@@ -357,7 +377,9 @@ def _noise(gathered: Gathered, axis: str, weights: Array, found: _Oscillation, s
     """Sigma per sample (m/s^2) of a weighted sum of channels from the floor of its spectrum, and its degrees of freedom."""
     spectra = gathered.spectra[axis]
     nyquist = 0.5 / gathered.interval_s
-    low = 2 * found.frequency_hz if math.isfinite(found.frequency_hz) and 2 * found.frequency_hz < 0.5 * nyquist else 0.0
+    low = (
+        2 * found.frequency_hz if math.isfinite(found.frequency_hz) and 2 * found.frequency_hz < 0.5 * nyquist else 0.0
+    )
     if spectra.segments >= 2:
         level, freedom = spectra.floor(weights, low)
         if math.isfinite(level):
@@ -403,7 +425,9 @@ def _skew(gathered: Gathered, forces: Array, found: _Oscillation) -> Measured:
     if max(relative) > 0.2:
         return NOTHING
     lag = math.remainder(first.phase - last.phase, math.pi)
-    return Measured(lag / (2 * math.pi * f), math.hypot(*relative) / (2 * math.pi * f), max(first.n - 4, 1), float(first.n))
+    return Measured(
+        lag / (2 * math.pi * f), math.hypot(*relative) / (2 * math.pi * f), max(first.n - 4, 1), float(first.n)
+    )
 
 
 def _misfit(gathered: Gathered, radii: Radii, forces: Array, found: _Oscillation) -> Measured:

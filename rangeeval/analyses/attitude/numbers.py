@@ -33,13 +33,32 @@ class Rows:
     confidence: float
     samples: int
 
-    def row(self, name: str, unit: str, measured: Measured, *flags: str, group: str | None = None, floor: float = -math.inf) -> Estimate:
+    def row(
+        self, name: str, unit: str, measured: Measured, *flags: str, group: str | None = None, floor: float = -math.inf
+    ) -> Estimate:
         """A row with its Student interval, not below `floor`."""
         low, high = measured.interval(self.confidence)
-        return self.plain(name, unit, measured.value, max(low, floor) if math.isfinite(low) else low, high, measured.n_eff, *flags, group=group)
+        return self.plain(
+            name,
+            unit,
+            measured.value,
+            max(low, floor) if math.isfinite(low) else low,
+            high,
+            measured.n_eff,
+            *flags,
+            group=group,
+        )
 
     def plain(
-        self, name: str, unit: str, value: float, low: float, high: float, n_eff: float, *flags: str, group: str | None = None
+        self,
+        name: str,
+        unit: str,
+        value: float,
+        low: float,
+        high: float,
+        n_eff: float,
+        *flags: str,
+        group: str | None = None,
     ) -> Estimate:
         """A row with the ends given."""
         return Estimate(
@@ -47,7 +66,9 @@ class Rows:
             group=group, flags=tuple(dict.fromkeys((*self.motion.flags, *flags))),
         )  # fmt: skip
 
-    def sigma(self, name: str, unit: str, value: float, freedom: float, *flags: str, group: str | None = None) -> Estimate:
+    def sigma(
+        self, name: str, unit: str, value: float, freedom: float, *flags: str, group: str | None = None
+    ) -> Estimate:
         """A row with the chi-square interval of a sigma."""
         low, high = (float(v) for v in sigma_interval(value, freedom, self.confidence))
         return self.plain(name, unit, value, low, high, freedom, *flags, group=group)
@@ -72,7 +93,9 @@ def motion_estimates(motion: Motion, setup: Setup, samples: int, confidence: flo
         found += [rows.row("pair_error_sigma", "rad", NOTHING), rows.row("noise_amplification", "1", NOTHING)]
     found += _budget(rows, motion, setup)
     for i, sensor in enumerate(motion.sensors):
-        found.append(rows.sigma("sensor_noise", "m/s^2", motion.sensor_sigma[i], motion.sensor_freedom[i], group=sensor))
+        found.append(
+            rows.sigma("sensor_noise", "m/s^2", motion.sensor_sigma[i], motion.sensor_freedom[i], group=sensor)
+        )
         if motion.radii is not None:
             r, e = motion.radii.values[i], motion.radii.errors[i]
             found.append(rows.row("radius", "m", Measured(r, e, math.inf, float(samples)), group=sensor))
@@ -105,7 +128,9 @@ def _single_peak(rows: Rows, motion: Motion, setup: Setup) -> Estimate:
     radius = motion.radii.values[motion.single_index]
     error = motion.radii.errors[motion.single_index]
     share = motion.largest_acceleration / turned.value
-    amplitude = dynamic.value if math.isfinite(dynamic.value) else turned.value / (2 * math.pi * motion.frequency.value) ** 2
+    amplitude = (
+        dynamic.value if math.isfinite(dynamic.value) else turned.value / (2 * math.pi * motion.frequency.value) ** 2
+    )
 
     def peak(swing: float, at: float) -> float:
         kappa = at * swing / (setup.gravity * amplitude)
@@ -116,7 +141,9 @@ def _single_peak(rows: Rows, motion: Motion, setup: Setup) -> Estimate:
     by_radius = peak(turned.value, radius + math.copysign(error, radius)) - value
     spread = math.hypot(by_swing, by_radius)
     flags = () if math.isfinite(value) else ("unusable",)
-    return rows.row("single_error_peak", "rad", Measured(value, spread, turned.freedom, turned.n_eff), *flags, floor=0.0)
+    return rows.row(
+        "single_error_peak", "rad", Measured(value, spread, turned.freedom, turned.n_eff), *flags, floor=0.0
+    )
 
 
 def _amplification(rows: Rows, radii: tuple[float, ...], errors: tuple[float, ...]) -> Estimate:
@@ -169,7 +196,9 @@ def _budget(rows: Rows, motion: Motion, setup: Setup) -> list[Estimate]:
         if name == "noise":
             found.append(rows.sigma("budget_noise", "rad", parts[name], motion.pair_freedom))
         else:
-            found.append(rows.plain(f"budget_{name}", "rad", parts[name], math.nan, math.nan, math.nan, "from-tolerance"))
+            found.append(
+                rows.plain(f"budget_{name}", "rad", parts[name], math.nan, math.nan, math.nan, "from-tolerance")
+            )
     low, high = (float(v) for v in sigma_interval(motion.pair_sigma, motion.pair_freedom, rows.confidence))
     rest = math.hypot(*(v for k, v in parts.items() if k != "noise"))
     found.append(rows.plain(

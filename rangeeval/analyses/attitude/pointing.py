@@ -17,7 +17,7 @@ from rangeeval.analyses.attitude.targets import Path
 from rangeeval.errors import SettingsError
 from rangeeval.model import Bins, Estimate, Trial
 from rangeeval.physics.attitude import tilt
-from rangeeval.physics.pointing import designation_error, pointing_sigma, report_error, small_angle_designation
+from rangeeval.physics.pointing import designation_error, report_error, report_sensitivity, small_angle_designation
 from rangeeval.stats.correlation import newey_west
 from rangeeval.stats.intervals import sigma_interval
 
@@ -45,7 +45,7 @@ class Pointing:
     designation: Mapping[str, tuple[Array, Array]]
     small_angle: Mapping[str, tuple[Array, Array]]
     pair_sigma: tuple[Array, Array]
-    noise_square: Mapping[str, tuple[Array, Array]]
+    noise_square: Mapping[str, tuple[Array, ...]]
     attitudes: Attitudes
     bin: NDArray[np.int32]
 
@@ -77,17 +77,25 @@ def attitudes_at(setup: Setup, gathered: Gathered, motions: Mapping[str, Motion]
             excess.append(math.nan)
         else:
             pair = tilt(motion.heights.centre @ forces, g * cosine["pair"])
-            excess.append(motion.pair_sigma**2 - 2 * float(motion.heights.centre[i]) * (motion.sensor_sigma[i] / g) ** 2)
+            excess.append(
+                motion.pair_sigma**2 - 2 * float(motion.heights.centre[i]) * (motion.sensor_sigma[i] / g) ** 2
+            )
         by_axis[axis] = {"single": single, "pair": pair}
         sigma.append(motion.pair_sigma * np.sqrt(gathered.noise_left))
         freedom = min(freedom, motion.pair_freedom) if math.isfinite(motion.pair_freedom) else freedom
-        flags += [f for f in motion.flags if f in {"unusable", "saturated", "stuck-sensor", "clock-step", "calibrated", "not-rigid"}]
+        flags += [
+            f
+            for f in motion.flags
+            if f in {"unusable", "saturated", "stuck-sensor", "clock-step", "calibrated", "not-rigid"}
+        ]
     of = {m: (by_axis["x"][m], by_axis["z"][m]) for m in ("single", "pair")}
     of["none"] = tuple(np.full(count, math.radians(v)) for v in (s.assumed_x_deg, s.assumed_z_deg))  # type: ignore[assignment]
     return Attitudes(of, (sigma[1], sigma[0]), freedom, (excess[1], excess[0]), tuple(dict.fromkeys(flags)))
 
 
-def pointing_of(trial: Trial, setup: Setup, gathered: Gathered, motions: Mapping[str, Motion], path: Path, bins: Bins) -> Pointing:
+def pointing_of(
+    trial: Trial, setup: Setup, gathered: Gathered, motions: Mapping[str, Motion], path: Path, bins: Bins
+) -> Pointing:
     """Errors by exact rotations (and the paper's small-angle forms) at every detection. The truth is the pair's attitude."""
     found = attitudes_at(setup, gathered, motions)
     heading = math.radians(trial.settings.site.heading_deg)
@@ -98,29 +106,20 @@ def pointing_of(trial: Trial, setup: Setup, gathered: Gathered, motions: Mapping
         report[method] = report_error(az, el, heading, true, measured)
         designation[method] = designation_error(az, el, heading, true, measured)
         small[method] = small_angle_designation(az - heading, el, measured[0] - true[0], measured[1] - true[1])
-    sigma = pointing_sigma(az - heading, el, *found.sigma)
-    missing = ~np.isfinite(true[0] + true[1])
-    sigma = tuple(np.where(missing, np.nan, v) for v in sigma)  # type: ignore[assignment]
-    # The pair's own noise stands in every difference against it: taken off the squares, by the first-order forms.
-    a, e, left = az - heading, el, gathered.noise_left
-    noise = {
-        method: _spread(a, e, [v * left for v in squares])
-        for method, squares in (("none", [float(np.mean(s**2 / left)) if s.size else 0.0 for s in found.sigma]),
-                                ("single", list(found.single_excess)))
-    }  # fmt: skip
+    by_error = report_sensitivity(az, el, heading, true)
+    left = gathered.noise_left
+    sigma = tuple(np.hypot(by_x * found.sigma[0], by_z * found.sigma[1]) for by_x, by_z in by_error)
+    # The pair's own noise stands in every difference against it: taken off the squares.
+    squares = {"none": [s**2 for s in found.sigma], "single": [v * left for v in found.single_excess]}
+    noise = {method: tuple(by_x**2 * x + by_z**2 * z for by_x, by_z in by_error) for method, (x, z) in squares.items()}
     variable = {
         "range": path.range_m, "azimuth": path.azimuth, "elevation": path.elevation, "time": path.time_s
     }.get(bins.variable)  # fmt: skip
     if variable is None:
-        raise SettingsError(f"bins.variable '{bins.variable}' is not known of {path.source}; use range, azimuth, elevation or time")
-    return Pointing(path, report, designation, small, sigma, noise, found, bins.index(variable))
-
-
-def _spread(a: Array, e: Array, squares: list[Array]) -> tuple[Array, Array]:
-    x, z = squares
-    up = z * np.cos(a) ** 2 + x * np.sin(a) ** 2
-    across = np.tan(e) ** 2 * (x * np.cos(a) ** 2 + z * np.sin(a) ** 2)
-    return across, up
+        raise SettingsError(
+            f"bins.variable '{bins.variable}' is not known of {path.source}; use range, azimuth, elevation or time"
+        )
+    return Pointing(path, report, designation, small, (sigma[0], sigma[1]), noise, found, bins.index(variable))
 
 
 def pointing_estimates(found: Pointing, bins: Bins, confidence: float) -> list[Estimate]:

@@ -14,7 +14,7 @@ from rangeeval.analyses.attitude.motion import Motion
 from rangeeval.analyses.attitude.pointing import Pointing
 from rangeeval.analyses.attitude.setup import Setup
 from rangeeval.stats.allan import allan_deviation, allan_interval_freedom, averaging_lengths
-from rangeeval.stats.reduce import decimate
+from rangeeval.stats.reduce import thin
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, list[float]]
@@ -27,21 +27,22 @@ def motion_series(motion: Motion, setup: Setup, gathered: Gathered) -> dict[str,
     """Series of one axis: `<axis>/pair|single` over time, `<axis>/close`, `<axis>/spectrum`, `<axis>/allan`."""
     a, t = motion.axis, gathered.time_s
     series: dict[str, Columns] = {}
-    broken = _with_breaks(gathered)
     lines = {"single": motion.single}
     if motion.heights is not None:
         lines["pair"] = motion.alpha
         lines["single_error"] = motion.single - motion.alpha
     for name, values in lines.items():
-        x, y = decimate(broken(t, t), broken(values, np.full(values.size, np.nan)), ACROSS)
-        series[f"{a}/{name}"] = {"time_s": x.tolist(), "angle": y.tolist()}
+        series[f"{a}/{name}"] = _drawn(t, values, gathered.stretch, motion.frequency.value)
     if math.isfinite(motion.frequency.value):
         series[f"{a}/close"] = _close(motion, gathered)
     spectra = gathered.spectra.get(a)
     if spectra is not None and spectra.segments:
         scale = 1 / (setup.gravity * math.cos(motion.static.value if math.isfinite(motion.static.value) else 0.0)) ** 2
         i = motion.single_index
-        table = {"frequency": spectra.frequency_hz[1:-1], "single": spectra.density(np.eye(len(motion.sensors))[i])[1:-1] * scale}
+        table = {
+            "frequency": spectra.frequency_hz[1:-1],
+            "single": spectra.density(np.eye(len(motion.sensors))[i])[1:-1] * scale,
+        }
         if motion.heights is not None:
             table["pair"] = spectra.density(motion.heights.centre)[1:-1] * scale
         kept: dict[str, list[float]] = {}
@@ -49,21 +50,42 @@ def motion_series(motion: Motion, setup: Setup, gathered: Gathered) -> dict[str,
             f, p = _by_decade(table["frequency"], table[name])
             kept |= {"frequency": f.tolist(), name: p.tolist()}
         if spectra.channels > 1 and spectra.segments > 2:
-            kept["coherence"] = _by_decade(table["frequency"], spectra.coherence(0, spectra.channels - 1)[1:-1], mean=True)[1].tolist()
+            kept["coherence"] = _by_decade(
+                table["frequency"], spectra.coherence(0, spectra.channels - 1)[1:-1], mean=True
+            )[1].tolist()
         series[f"{a}/spectrum"] = kept
     if motion.static_segments and motion.heights is not None:
         series |= _allan(motion, gathered)
     return series
 
 
-def _with_breaks(gathered: Gathered):  # type: ignore[no-untyped-def]
-    """A function that puts a value between stretches, so that a line breaks there."""
-    edges = np.flatnonzero(np.diff(gathered.stretch)) + 1
+def _drawn(time: Array, values: Array, stretch: NDArray[np.int64], frequency_hz: float) -> Columns:
+    """A line, or for a long record the lowest and highest of each pixel column; `stretch` tells where gaps are.
 
-    def insert(values: Array, filler: Array) -> Array:
-        return np.insert(values, edges, filler[edges])
-
-    return insert
+    A column holds two cycles or more, else the envelope would beat with the columns.
+    """
+    if values.size <= 4 * ACROSS:
+        return {"time_s": time.tolist(), "angle": values.tolist(), "stretch": stretch.astype(float).tolist()}
+    edges = np.flatnonzero(np.diff(stretch)) + 1
+    span = max(float(time[-1] - time[0]), 1e-9)
+    columns = ACROSS if not math.isfinite(frequency_hz) else min(ACROSS, max(span * frequency_hz / 2, 1.0))
+    found: dict[str, list[float]] = {"time_s": [], "low": [], "high": [], "stretch": []}
+    for part in np.split(np.arange(values.size), edges):
+        part = part[np.isfinite(values[part])]
+        if not part.size:
+            continue
+        count = int(np.clip(columns * (time[part[-1]] - time[part[0]]) / span, 1, max(part.size // 4, 1)))
+        starts = np.linspace(0, part.size, count, endpoint=False).astype(np.intp)
+        v = values[part]
+        low, high = np.minimum.reduceat(v, starts), np.maximum.reduceat(v, starts)
+        # The columns' middles, drawn out to the ends of the stretch.
+        t = 0.5 * (time[part[starts]] + time[part[np.append(starts[1:], part.size) - 1]])
+        t[0], t[-1] = time[part[0]], time[part[-1]]
+        found["time_s"] += t.tolist()
+        found["low"] += low.tolist()
+        found["high"] += high.tolist()
+        found["stretch"] += [float(stretch[part[0]])] * count
+    return found
 
 
 def _close(motion: Motion, gathered: Gathered) -> Columns:
@@ -125,9 +147,8 @@ def pointing_series(found: Pointing) -> dict[str, Columns]:
     for method, errors in found.report.items():
         for angle, values in zip(("azimuth", "elevation"), errors, strict=True):
             if np.isfinite(values).any():
-                x, y = decimate(path.time_s[order], values[order], ACROSS)
-                at = np.interp(x, path.time_s[order], path.range_m[order])
-                series[f"pointing/{method}/{angle}"] = {"time_s": x.tolist(), "range_m": at.tolist(), "error": y.tolist()}
+                x, y = thin(path.range_m[order], values[order], 2 * ACROSS, 300)
+                series[f"pointing/{method}/{angle}"] = {"range_m": x.tolist(), "error": y.tolist()}
     for angle, values in zip(("azimuth", "elevation"), found.pair_sigma, strict=True):
         if np.isfinite(values).any():
             series[f"pointing/pair/{angle}"] = {

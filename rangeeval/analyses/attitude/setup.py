@@ -123,11 +123,15 @@ def _gravity(trial: Trial) -> tuple[float, str]:
 def _problems(setup: Setup) -> list[Problem]:
     found = []
     if setup.gravity_from.startswith("standard"):
-        found.append(Problem(setup.source, "no site.latitude_deg and no attitude.gravity_m_s2: standard gravity is used"))
+        found.append(
+            Problem(setup.source, "no site.latitude_deg and no attitude.gravity_m_s2: standard gravity is used")
+        )
     for axis in AXES:
         sensors = setup.sensors(axis)
         if not sensors:
-            found.append(Problem(setup.source, f"no reading of the {axis} rotation: nothing can be said of alpha_{axis}"))
+            found.append(
+                Problem(setup.source, f"no reading of the {axis} rotation: nothing can be said of alpha_{axis}")
+            )
             continue
         other = "z" if axis == "x" else "x"
         if len(sensors) == 1:
