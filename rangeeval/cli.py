@@ -214,7 +214,7 @@ def inspect(trial: tuple[Path, ...], form: str) -> None:
 @click.option("--radius-lower", type=float, metavar="M", help="attitude: of the lower accelerometer (default 1).")
 @click.option("--rate", type=float, metavar="HZ", help="attitude: accelerometer samples a second (default 10).")
 @click.option("--gap", is_flag=True, default=None, help="attitude: leave 12 seconds out of the tilt log.")
-@click.option("--grid", is_flag=True, help="attitude: also print the peak errors over amplitude and frequency (Fig. 3).")
+@click.option("--grid", is_flag=True, help="attitude: also print the peak errors of Fig. 3.")
 def simulate(scenario: str, output: Path, seed: int, grid: bool, **options: Any) -> None:
     """Make a synthetic trial with known answers.
 

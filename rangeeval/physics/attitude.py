@@ -225,7 +225,7 @@ def latency_error_peak(latency_s: ArrayLike, frequency_hz: ArrayLike, dynamic: A
 def radii_from_oscillation(
     amplitudes: ArrayLike, positions_m: ArrayLike, frequency_hz: float, static: float, gravity: float
 ) -> FloatArray:
-    """Radii (m) of M >= 2 sensors from their signed amplitudes in one oscillation and their positions against each other.
+    """Radii (m) of M >= 2 sensors from their signed amplitudes in one oscillation and their relative positions.
 
     Amplitudes are linear in radius, (g cos(alpha_s) - R w^2) alpha_d, and vanish at R = g cos(alpha_s)/w^2: the
     least-squares line through them finds where that is. First order in the amplitude. For two sensors it is

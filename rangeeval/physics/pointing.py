@@ -98,7 +98,9 @@ def small_angle_designation(
 def first_order_designation(
     azimuth: ArrayLike, elevation: ArrayLike, error_x: ArrayLike, error_z: ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
-    """Designation error (azimuth, elevation), first order: d_El = dz cos Az - dx sin Az, d_Az = tan El (dx cos Az + dz sin Az)."""
+    """Designation error (azimuth, elevation), first order: d_El = dz cos Az - dx sin Az, d_Az = tan El (dx cos Az + dz
+    sin Az).
+    """
     az, el, dx, dz = (_float(v) for v in (azimuth, elevation, error_x, error_z))
     d_az: FloatArray = np.tan(el) * (dx * np.cos(az) + dz * np.sin(az))
     d_el: FloatArray = dz * np.cos(az) - dx * np.sin(az)
@@ -108,10 +110,10 @@ def first_order_designation(
 def pointing_sigma(
     azimuth: ArrayLike, elevation: ArrayLike, sigma_x: ArrayLike, sigma_z: ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
-    """Sigma of azimuth and elevation from independent attitude sigmas by the small-angle forms; angles in the radar frame.
+    """Sigma of azimuth and elevation from independent attitude sigmas by the small-angle forms.
 
-    For a level radar. At alpha_x = 3 degrees and 1 degree of elevation the azimuth sigma is 2.5 times as large: use
-    `report_sensitivity`.
+    Angles in the radar frame, for a level radar. At alpha_x = 3 degrees and 1 degree of elevation the azimuth sigma is
+    2.5 times as large: use `report_sensitivity`.
     """
     az, el, sx, sz = (_float(v) for v in (azimuth, elevation, sigma_x, sigma_z))
     across = np.abs(np.tan(el)) * np.hypot(sx * np.cos(az), sz * np.sin(az))

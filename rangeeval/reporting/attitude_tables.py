@@ -66,8 +66,12 @@ def motion_table(result: Result, caption: str, *, short: bool = False) -> Table:
         found = [rows.get(f"{name}_{a}") for a in axes]
         if any(r is not None for r in found):
             body.append([words, *(_text(r) for r in found)])
-    flags = [flags_text(dict.fromkeys(f for a in [x] for r in rows.values() if r.quantity.endswith(f"_{a}") for f in r.flags
-                                      if f != "from-tolerance")) for x in axes]  # fmt: skip
+    flags = [
+        flags_text(
+            dict.fromkeys(f for q, r in rows.items() if q.endswith(f"_{a}") for f in r.flags if f != "from-tolerance")
+        )
+        for a in axes
+    ]
     if any(flags):
         body.append(["Flags", *flags])
     return Table(caption, ["", *(AXIS_NAMES[a] for a in axes)], body)

@@ -21,7 +21,8 @@ _NOTE = {
         "A constant bias leaves no trace in residuals and is not in these numbers."
     ),
     "attitude": (
-        "Intervals: {confidence:.0%}. The pair's attitude stands for the truth; sway of the rotation centre, bias and wrong "
+        "Intervals: {confidence:.0%}. The pair's attitude stands for the truth; sway of the rotation centre, "
+        "bias and wrong "
         "radii are not in its σ but in the budget (--format json)."
     ),
     "check": "All bins: the verdict at the level that holds for all bins of the requirement together (Bonferroni).",
@@ -35,7 +36,8 @@ def as_text(result: Result, stream: IO[str] | None = None) -> str:
         if result.analysis == "check"
         else short_tables(result, caption=result.analysis.capitalize())
     )
-    return "\n".join(text_of(table, stream) for table in tables) + _NOTE.get(result.analysis, "").format(**result.settings) + "\n"
+    note = _NOTE.get(result.analysis, "").format(**result.settings)
+    return "\n".join(text_of(table, stream) for table in tables) + note + "\n"
 
 
 def text_of(table: Table, stream: IO[str] | None = None) -> str:

@@ -37,7 +37,8 @@ FLAGS = {
     "calibrated": "the radii come from the oscillation and the sensors' spacing, not from a survey.",
     "radius-disagrees": "the radius used and the one the oscillation shows differ by more than four sigma.",
     "clocks-differ": "the sensors of this axis do not swing in phase: their clocks differ, or the body bends.",
-    "not-rigid": "three sensors or more are off a straight line over their heights: the body bends, or a radius is wrong.",
+    "not-rigid": "three sensors or more are off a straight line over their heights: the body bends, or a "
+    "radius is wrong.",
     "saturated": "a sensor stood at its highest or lowest value: peaks are cut, amplitudes are lower bounds.",
     "stuck-sensor": "a sensor stood still for a while; those samples are taken as missing.",
     "beyond-g": "some readings exceed g, which no tilt explains; there the tilt is missing.",
@@ -45,7 +46,8 @@ FLAGS = {
     "gaps": "the tilt log has gaps; nothing is guessed in them.",
     "clock-step": "the clock was set back during the record; times it showed twice have no attitude.",
     "no-attitude": "some detections fall where no attitude is known; they are left out.",
-    "noise-limited": "the error is no larger than the noise of the attitude it is judged by; the high end is its limit.",
+    "noise-limited": "the error is no larger than the noise of the attitude it is judged by; the high end is "
+    "its limit.",
     "propagated": "propagated from the attitude's noise, not seen in the samples of the bin.",
     "from-tolerance": "follows from a tolerance in trial.toml (or its default), not from the data.",
     "extrapolated": "outside the data the model was fitted to.",

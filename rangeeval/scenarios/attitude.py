@@ -150,7 +150,9 @@ GRID_FREQUENCIES_HZ = (0.2, 0.4, 0.6, 0.8, 1.0)
 
 
 def figure_3_grid(radius_m: float = 5.0) -> Array:
-    """Peak error (deg) of one accelerometer, rows amplitudes and columns frequencies of the paper's Fig. 3, level radar."""
+    """Peak error (deg) of one accelerometer, rows amplitudes and columns frequencies of the paper's Fig. 3, level
+    radar.
+    """
     kappa = lever_ratio(radius_m, np.array(GRID_FREQUENCIES_HZ), STANDARD_GRAVITY_M_S2)
     grid: Array = np.rad2deg(single_error_peak(0.0, np.deg2rad(GRID_AMPLITUDES_DEG)[:, None], kappa[None, :]))
     return grid

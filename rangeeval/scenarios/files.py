@@ -14,6 +14,7 @@ def column(values: NDArray[np.float64], decimals: int) -> list[str]:
 
 
 def write_csv(path: Path, columns: dict[str, list[str]]) -> Path:
+    """Write columns of text as a CSV file, and return its path."""
     rows = zip(*columns.values(), strict=True)
     path.write_text("\n".join([",".join(columns), *(",".join(row) for row in rows)]) + "\n", encoding="utf-8")
     return path

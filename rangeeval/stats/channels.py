@@ -97,7 +97,7 @@ class ChannelWatch:
             usual = float(np.quantile(runs, 0.9)) if len(runs) > 9 else 1.0
             self.longest = max(STUCK_SAMPLES, int(STUCK_RUNS * usual))
         marks = np.zeros(values.size, np.bool_)
-        self.stuck += _scan(np.ascontiguousarray(values), self.state, self.longest, marks)
+        self.stuck += int(_scan(np.ascontiguousarray(values), self.state, self.longest, marks))  # type: ignore[no-untyped-call]
         return marks
 
     @property

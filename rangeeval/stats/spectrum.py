@@ -173,7 +173,7 @@ class CrossSpectra:
         scale = self.interval_s / (np.sum(self._window**2) * self.segments)
         power = np.real(np.einsum("i,fij,j->f", w, self.total, w)) * scale
         power[1 : -1 if self.size % 2 == 0 else None] *= 2
-        return np.maximum(power, 0.0)
+        return np.asarray(np.maximum(power, 0.0))
 
     def coherence(self, i: int, j: int) -> FloatArray:
         """Squared coherence of two channels at each line, 0 to 1."""
@@ -183,7 +183,7 @@ class CrossSpectra:
 
     def phase(self, i: int, j: int) -> FloatArray:
         """Phase (rad) by which channel i leads channel j at each line."""
-        return np.angle(self.total[:, i, j])
+        return np.asarray(np.angle(self.total[:, i, j]))
 
     def floor(self, weights: ArrayLike, low_hz: float = 0.0) -> tuple[float, float]:
         """Level of the flat noise floor (unit^2/Hz) of a weighted sum above `low_hz`, and its degrees of freedom.
@@ -206,14 +206,3 @@ class CrossSpectra:
 def segment_size(n: int) -> int:
     """A power of two that leaves n samples about sixteen half-overlapped segments: 16 to 8192."""
     return int(np.clip(1 << int(np.log2(max(n, 2) / 8)), 16, 8192))
-
-
-def line_level(frequency_hz: FloatArray, density: FloatArray, at_hz: float, width: int = 12, skip: int = 3) -> float:
-    """Density beside a spectral line: the median of the lines near it without the line itself; NaN where there are none."""
-    if not density.size or not np.isfinite(at_hz):
-        return float("nan")
-    k = int(np.argmin(np.abs(frequency_hz - at_hz)))
-    near = np.r_[
-        max(1, k - width) : max(1, k - skip), min(k + skip + 1, density.size) : min(k + width + 1, density.size)
-    ]
-    return float(np.median(density[near])) if near.size else float("nan")

@@ -31,8 +31,8 @@ def attitude(
 ) -> Result:
     """Tilt, oscillation and attitude error by three methods, and the pointing error they cause per bin.
 
-    The methods: `none` (the radar takes its assumed attitude for true), `single` (one accelerometer, which takes its own
-    acceleration for tilt), `pair` (accelerometers at two or more radii taken to the rotation centre). The pair's
+    The methods: `none` (the radar takes its assumed attitude for true), `single` (one accelerometer, which takes its
+    own acceleration for tilt), `pair` (accelerometers at two or more radii taken to the rotation centre). The pair's
     attitude stands for the truth; what it cannot see (sway of the centre, bias, wrong radii) is in the budget.
 
     Parameters
@@ -74,7 +74,8 @@ def attitude(
         if "clocks-differ" in motion.flags:
             problems.append(Problem(
                 setup.source,
-                f"{motion.sensors[-1]} is {motion.skew.value * 1e3:.3g} ms late against {motion.sensors[0]} ({axis} rotation): "
+                f"{motion.sensors[-1]} is {motion.skew.value * 1e3:.3g} ms late against {motion.sensors[0]} "
+                f"({axis} rotation): "
                 f"their clocks differ, or the body bends",
             ))  # fmt: skip
     if path is not None:

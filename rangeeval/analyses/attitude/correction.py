@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from rangeeval.analyses.attitude.motion import Motion, motion_of
 from rangeeval.analyses.attitude.pointing import attitudes_at
 from rangeeval.analyses.attitude.setup import set_up
 from rangeeval.errors import InputError
-from rangeeval.model import Problem, Trial, gather
+from rangeeval.model import Problem, Trial, as_trial, gather
 from rangeeval.physics.pointing import corrected, wrapped
 
 Array = NDArray[np.float64]
@@ -43,8 +44,8 @@ def _text(value: float | str) -> str:
     return "" if value != value else repr(value)
 
 
-def correct_plots(trial: Trial, *, progress: Callable[[int], None] | None = None) -> CorrectedPlots:
-    """Azimuth and elevation of the trial's plots as they are with the measured attitude, interpolated to each detection.
+def correct_plots(trial: Trial | Any, *, progress: Callable[[int], None] | None = None) -> CorrectedPlots:
+    """Azimuth and elevation of the trial's plots as they are with the attitude at each detection.
 
     The plots are taken to hold earth-fixed angles made with the attitude the radar assumed (`attitude.assumed_*_deg`,
     level by default). Where the attitude is not known (a gap, outside the tilt log), or an elevation is missing, the
@@ -54,6 +55,7 @@ def correct_plots(trial: Trial, *, progress: Callable[[int], None] | None = None
     ------
     InputError : no plots log, no tilt log, or not one attitude at any plot.
     """
+    trial = as_trial(trial)
     log = trial.log("plots")
     table = log.read()
     setup = set_up(trial)

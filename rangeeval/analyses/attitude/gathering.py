@@ -238,14 +238,16 @@ class _Pass:
                 elif UNIT_LOW * g < mean / g < UNIT_HIGH * g:
                     hint = ": that is g squared, so the readings are in m/s^2; end the column names in _m_s2, not _g"
                 raise InputError(
-                    f"{log.source}: the mean magnitude of the {sensor} accelerometer is {mean:.3g} m/s^2, expected about "
+                    f"{log.source}: the mean magnitude of the {sensor} accelerometer is {mean:.3g} m/s^2, "
+                    "expected about "
                     f"{g:.3g}{hint or '; check its unit'}"
                 )
             finite = values[:, np.isfinite(values).any(axis=0)]
             level = float(np.nanmean(np.abs(finite))) if np.isfinite(finite).any() else np.nan
         if level > g:
             raise InputError(
-                f"{log.source}: the mean magnitude of the readings is {level:.3g} m/s^2, more than g; no tilt reads that. "
+                f"{log.source}: the mean magnitude of the readings is {level:.3g} m/s^2, more than g; no tilt "
+                "reads that. "
                 f"Are they in m/s^2 under a name that ends in _g, or in mg?"
             )
         written = [log.written.get(n, n) for n in self.columns[0]]
@@ -253,8 +255,10 @@ class _Pass:
             tilt, in_g = np.rad2deg(level / g), np.rad2deg(np.arcsin(min(level, 1.0)))
             self.problems.append(Problem(
                 log.source,
-                f"the mean magnitude of the readings is {level:.2g} m/s^2, a tilt of {tilt:.2g} degrees; if they are in g, "
-                f"end the column names in _g, and it is {in_g:.2g} degrees (readings of the horizontal alone cannot tell)",
+                f"the mean magnitude of the readings is {level:.2g} m/s^2, a tilt of {tilt:.2g} degrees; if "
+                "they are in g, "
+                f"end the column names in _g, and it is {in_g:.2g} degrees (readings of the horizontal alone "
+                "cannot tell)",
             ))  # fmt: skip
 
     def _add(self, time: Array, values: Array) -> None:
@@ -399,18 +403,18 @@ class _Pass:
                     f"{source}: {c.column} never changes over {int(watch.state[10])} samples: the sensor is stuck"
                 )
             if watch.stuck:
-                say(Problem(source, f"{c.column} stands still for over {watch.longest} samples: stuck, taken as missing",
-                            watch.stuck, rejected=True))  # fmt: skip
+                text = f"{c.column} stands still for over {watch.longest} samples: stuck, taken as missing"
+                say(Problem(source, text, watch.stuck, rejected=True))
             if watch.saturated:
-                say(Problem(source, f"{c.column} stands at its highest or lowest value in runs: saturated, peaks are cut",
-                            watch.saturated))  # fmt: skip
+                text = f"{c.column} stands at its highest or lowest value in runs: saturated, peaks are cut"
+                say(Problem(source, text, watch.saturated))
             if self.beyond_channel[k]:
                 say(Problem(source, f"{c.column} is beyond g: no tilt reads that (single-sensor tilt missing there)",
                             self.beyond_channel[k]))  # fmt: skip
         for axis, count in self.beyond.items():
             if count:
-                say(Problem(source, f"the {axis} reading taken to the rotation centre is beyond g: no tilt there", count,
-                            rejected=True))  # fmt: skip
+                text = f"the {axis} reading taken to the rotation centre is beyond g: no tilt there"
+                say(Problem(source, text, count, rejected=True))
 
 
 def _unit(log: Log, sensor: str) -> str:

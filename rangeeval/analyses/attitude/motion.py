@@ -288,7 +288,9 @@ def _amplitude(fits: Sequence[SineFit], n: int) -> tuple[Measured, bool]:
 
 
 def _from_one_sensor(found: _Fitted, setup: Setup, radii: Radii | None, index: int) -> _Fitted:
-    """One accelerometer reads (g - R w^2) alpha_d: with its radius known the oscillation follows, without it nothing does."""
+    """One accelerometer reads (g - R w^2) alpha_d: with its radius known the oscillation follows, without it nothing
+    does.
+    """
     seen = found.dynamic
     if radii is None or not math.isfinite(seen.value):
         return _Fitted(
@@ -374,7 +376,9 @@ def _phased(gathered: Gathered, forces: Array, f: float) -> tuple[Array, Array, 
 
 
 def _noise(gathered: Gathered, axis: str, weights: Array, found: _Oscillation, series: Array) -> tuple[float, float]:
-    """Sigma per sample (m/s^2) of a weighted sum of channels from the floor of its spectrum, and its degrees of freedom."""
+    """Sigma per sample (m/s^2) of a weighted sum of channels from the floor of its spectrum, and its degrees of
+    freedom.
+    """
     spectra = gathered.spectra[axis]
     nyquist = 0.5 / gathered.interval_s
     low = (

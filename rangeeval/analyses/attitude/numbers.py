@@ -62,7 +62,8 @@ class Rows:
     ) -> Estimate:
         """A row with the ends given."""
         return Estimate(
-            quantity=f"{name}_{self.motion.axis}", unit=unit, value=value, low=low, high=high, n=self.samples, n_eff=n_eff,
+            quantity=f"{name}_{self.motion.axis}", unit=unit, value=value, low=low, high=high,
+            n=self.samples, n_eff=n_eff,
             group=group, flags=tuple(dict.fromkeys((*self.motion.flags, *flags))),
         )  # fmt: skip
 

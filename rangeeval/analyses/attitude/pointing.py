@@ -96,7 +96,9 @@ def attitudes_at(setup: Setup, gathered: Gathered, motions: Mapping[str, Motion]
 def pointing_of(
     trial: Trial, setup: Setup, gathered: Gathered, motions: Mapping[str, Motion], path: Path, bins: Bins
 ) -> Pointing:
-    """Errors by exact rotations (and the paper's small-angle forms) at every detection. The truth is the pair's attitude."""
+    """Errors by exact rotations (and the paper's small-angle forms) at every detection. The truth is the pair's
+    attitude.
+    """
     found = attitudes_at(setup, gathered, motions)
     heading = math.radians(trial.settings.site.heading_deg)
     true, az, el = found.of["pair"], path.azimuth, path.elevation
@@ -145,7 +147,8 @@ def _in_bin(
     def row(name: str, value: float, low: float, high: float, n: int, n_eff: float, *more: str) -> Estimate:
         return Estimate(
             quantity=f"{angle}_{name}", unit="rad", value=value, low=low, high=high, n=n, n_eff=n_eff,
-            variable=bins.variable, bin_low=low_edge, bin_high=high_edge, group=method, flags=tuple(dict.fromkeys((*flags, *more))),
+            variable=bins.variable, bin_low=low_edge, bin_high=high_edge, group=method,
+            flags=tuple(dict.fromkeys((*flags, *more))),
         )  # fmt: skip
 
     everything = int(np.count_nonzero(inside))

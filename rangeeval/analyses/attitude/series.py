@@ -128,7 +128,8 @@ def _allan(motion: Motion, gathered: Gathered) -> dict[str, Columns]:
     high = deviation * np.sqrt(freedom / stats.chi2.ppf(0.025, freedom))
     return {
         f"{motion.axis}/allan": {
-            "tau_s": (lengths * step).tolist(), "deviation": deviation.tolist(), "low": low.tolist(), "high": high.tolist()
+            "tau_s": (lengths * step).tolist(), "deviation": deviation.tolist(),
+            "low": low.tolist(), "high": high.tolist()
         }
     }  # fmt: skip
 
@@ -152,6 +153,7 @@ def pointing_series(found: Pointing) -> dict[str, Columns]:
     for angle, values in zip(("azimuth", "elevation"), found.pair_sigma, strict=True):
         if np.isfinite(values).any():
             series[f"pointing/pair/{angle}"] = {
-                "time_s": path.time_s[every].tolist(), "range_m": path.range_m[every].tolist(), "sigma": values[every].tolist()
+                "time_s": path.time_s[every].tolist(), "range_m": path.range_m[every].tolist(),
+                "sigma": values[every].tolist()
             }  # fmt: skip
     return series

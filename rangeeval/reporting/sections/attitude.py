@@ -48,6 +48,10 @@ def _axes(result: Result) -> list[str]:
     return [a for a in AXIS_NAMES if f"{a}/single" in result.series]
 
 
+def _floats(values: Sequence[Any]) -> list[float]:
+    return [float("nan") if v is None else float(v) for v in values]
+
+
 def _degrees(values: Sequence[Any]) -> list[float]:
     return [float("nan") if v is None else float(v) * _DEG for v in values]
 
@@ -63,8 +67,10 @@ def _motion(result: Result) -> list[Block]:
             budget,
             Paragraph(
                 "Sensor noise is measured in this trial; the other causes follow from the tolerances named beside them "
-                "(trial.toml, [attitude]) and the motion found. They are systematic: averaging does not lessen them, and "
-                "the interval of the total holds the noise's uncertainty only. Sway of the rotation centre looks like tilt "
+                "(trial.toml, [attitude]) and the motion found. They are systematic: averaging does not lessen "
+                "them, and "
+                "the interval of the total holds the noise's uncertainty only. Sway of the rotation centre "
+                "looks like tilt "
                 "to every accelerometer of the line, so no number of them removes it."
             ),
         ]
@@ -122,7 +128,7 @@ def _over_time(result: Result) -> Figure | None:
         close = result.series.get(f"{axis}/close")
         if close is not None:
             marks = [
-                Mark("line", close["time_s"], _degrees(close[m]), label=METHOD_NAMES[m].lower(), role=m)
+                Mark("line", _floats(close["time_s"]), _degrees(close[m]), label=METHOD_NAMES[m].lower(), role=m)
                 for m in ("single", "pair")
                 if m in close
             ]
@@ -131,7 +137,8 @@ def _over_time(result: Result) -> Figure | None:
     if not grid:
         return None
     return Figure(
-        "Attitude over time. One accelerometer takes its own acceleration for tilt; the pair does not. A long record is drawn "
+        "Attitude over time. One accelerometer takes its own acceleration for tilt; the pair does not. A long "
+        "record is drawn "
         "as the band between its lowest and highest values.",
         "Attitude of each axis over time by one accelerometer and by the pair. " + _in_words(result),
         grid,
@@ -157,7 +164,8 @@ def _errors(result: Result) -> Figure | None:
             marks.append(Mark("rule", y=[-peak, peak], label="peak without noise", role="limit"))
         grid[0].append(Panel(f"Error of α{axis}", "Time (s)", "Error (°)", marks, share_x="time"))
     return Figure(
-        "Attitude error over time: one accelerometer against the pair, and the band in which the pair's own noise keeps it.",
+        "Attitude error over time: one accelerometer against the pair, and the band in which the pair's own "
+        "noise keeps it.",
         "Error of one accelerometer over time beside the band of the pair's noise.",
         grid,
     )
@@ -173,7 +181,7 @@ def _spectra(result: Result) -> Figure | None:
         marks = [
             Mark(
                 "line",
-                data["frequency"],
+                _floats(data["frequency"]),
                 [math.sqrt(float(v)) * _DEG for v in data[m]],
                 label=METHOD_NAMES[m].lower(),
                 role=m,
@@ -204,7 +212,7 @@ def _allan(result: Result) -> Figure | None:
         marks = [
             Mark(
                 "band",
-                data["tau_s"],
+                _floats(data["tau_s"]),
                 low=_degrees(data["low"]),
                 high=_degrees(data["high"]),
                 label="95 % interval",
@@ -212,7 +220,7 @@ def _allan(result: Result) -> Figure | None:
             ),
             Mark(
                 "line",
-                data["tau_s"],
+                _floats(data["tau_s"]),
                 _degrees(data["deviation"]),
                 label="Allan deviation of the pair's tilt",
                 role="pair",
@@ -236,7 +244,8 @@ def _allan(result: Result) -> Figure | None:
 def _pointing(result: Result) -> list[Block]:
     if not any(r.variable for r in result.rows):
         return [Notice(
-            "The trial holds no truth, plots or residual log that shows where the target was, so the attitude error cannot "
+            "The trial holds no truth, plots or residual log that shows where the target was, so the attitude "
+            "error cannot "
             "be carried on to azimuth and elevation.", "info",
         )]  # fmt: skip
     blocks: list[Block] = []
@@ -295,7 +304,8 @@ def _by_bin(result: Result) -> Figure | None:
             chosen = [r for r in chosen if r.value > 0 and (not math.isfinite(r.low) or r.low > 0)]
             if chosen:
                 marks.append(Mark(
-                    "errorbars", [0.5 * (r.bin_low + r.bin_high) * across.scale for r in chosen], [r.value for r in chosen],
+                    "errorbars", [0.5 * (r.bin_low + r.bin_high) * across.scale for r in chosen],
+                    [r.value for r in chosen],
                     low=[r.low if math.isfinite(r.low) else r.value for r in chosen],
                     high=[r.high if math.isfinite(r.high) else r.value for r in chosen],
                     label=METHOD_NAMES[method].lower(), role=method,
@@ -308,7 +318,8 @@ def _by_bin(result: Result) -> Figure | None:
     if not grid[0]:
         return None
     return Figure(
-        "Pointing error per bin by method, with intervals. The gap between the methods is what an attitude measurement is "
+        "Pointing error per bin by method, with intervals. The gap between the methods is what an attitude "
+        "measurement is "
         "worth.",
         "Root mean square azimuth and elevation error per bin by method.",
         grid,
@@ -328,9 +339,12 @@ def _forms(result: Result) -> Paragraph:
                 parts.append(f"{angle}, {METHOD_NAMES[method].lower()}: {max(away):.2g}°")
     differ = "; ".join(parts)
     return Paragraph(
-        "These are report errors: a measured direction turned back to the earth frame with a wrong attitude. The designation "
-        "error, of a beam sent to a known direction, has the opposite sign to first order and stands in results.json beside "
-        "it. Both are exact rotations. The paper's small-angle forms (equations 19 and 20) leave out the product of pitch "
+        "These are report errors: a measured direction turned back to the earth frame with a wrong attitude. "
+        "The designation "
+        "error, of a beam sent to a known direction, has the opposite sign to first order and stands in "
+        "results.json beside "
+        "it. Both are exact rotations. The paper's small-angle forms (equations 19 and 20) leave out the "
+        "product of pitch "
         f"error and roll; the largest difference to the exact designation error in any bin here is: {differ or 'none'}."
     )
 
@@ -344,32 +358,46 @@ def _method(result: Result) -> list[Block]:
     noise = next((rows[f"pair_error_sigma_{a}"] for a in _axes(result) if f"pair_error_sigma_{a}" in rows), None)
     blocks: list[Block] = [
         Paragraph(
-            "An accelerometer at radius R from the rotation axis reads f = g sin α + R α″. Readings at two or more radii lie on "
+            "An accelerometer at radius R from the rotation axis reads f = g sin α + R α″. Readings at two or "
+            "more radii lie on "
             "a straight line over R; its value at R = 0 is g sin α, whatever the motion, and its slope the angular "
-            "acceleration. Pitch follows from asin(f/g), roll from asin(f/(g cos αz)). The pair's attitude stands for the "
-            "truth against which no attitude and one accelerometer are judged; its own noise is taken off their squares."
+            "acceleration. Pitch follows from asin(f/g), roll from asin(f/(g cos αz)). The pair's attitude "
+            "stands for the "
+            "truth against which no attitude and one accelerometer are judged; its own noise is taken off "
+            "their squares."
         ),
         Paragraph(
-            f"g = {s['gravity']:.6g} m/s² ({s['gravity_from']}). One accelerometer means the {str(s['single_sensor']).replace('_', ' ')} one. "
-            f"{source}Attitude is interpolated linearly to each detection; detections in a gap are left out and counted."
+            f"g = {s['gravity']:.6g} m/s² ({s['gravity_from']}). One accelerometer means the "
+            f"{str(s['single_sensor']).replace('_', ' ')} one. "
+            f"{source}Attitude is interpolated linearly to each detection; detections in a gap are left out and "
+            "counted."
         ),
         Paragraph(
-            f"Intervals are {confidence}. Static tilt and amplitude: sine fits over segments of at least 20 cycles, Student's t on "
-            "the scatter between segments (with its correlation) or on the noise, whichever is larger. Frequency: error of a "
-            "windowed spectral peak under the noise, or the scatter of segments. Noise: chi-square on the spectrum's floor. "
-            "Noise amplification and peak error: propagated from the radii's tolerance and the fits. Root mean square errors "
-            "of no attitude and one accelerometer: Student's t on the mean square, its correlation counted (Newey and West); "
-            "of the pair: propagated from its noise by the first-order forms."
+            f"Intervals are {confidence}. Static tilt and amplitude: sine fits over segments of at least 20 "
+            "cycles, Student's t on "
+            "the scatter between segments (with its correlation) or on the noise, whichever is larger. "
+            "Frequency: error of a "
+            "windowed spectral peak under the noise, or the scatter of segments. Noise: chi-square on the "
+            "spectrum's floor. "
+            "Noise amplification and peak error: propagated from the radii's tolerance and the fits. Root mean "
+            "square errors "
+            "of no attitude and one accelerometer: Student's t on the mean square, its correlation counted "
+            "(Newey and West); "
+            "of the pair: propagated from its noise by the derivatives of the exact rotations."
         ),
         Paragraph(
             "Assumptions: the body is rigid between the sensors; they sit on one line through the rotation centre with "
-            "parallel axes and are sampled at one instant; the centre does not accelerate. A bend shows as lost coherence, a "
+            "parallel axes and are sampled at one instant; the centre does not accelerate. A bend shows as "
+            "lost coherence, a "
             "phase between the sensors (time skew) or, with three sensors and more, as readings off the straight line."
         ),
     ]  # fmt: skip
     if noise is not None and math.isfinite(noise.value):
-        blocks.append(Paragraph(f"The pair's noise on the first axis is {estimate_text(in_degrees(noise))}° per sample, "
-                                f"{s['sampling_interval']:.4g} s apart; a band limit of twice the oscillation would lessen it."))  # fmt: skip
+        words = (
+            f"The pair's noise on the first axis is {estimate_text(in_degrees(noise))}° per sample, "
+            f"{s['sampling_interval']:.4g} s apart; a band limit of twice the oscillation would lessen it."
+        )
+        blocks.append(Paragraph(words))
     return blocks
 
 

@@ -114,7 +114,8 @@ def test_the_grid_of_figure_3_is_what_an_analysis_of_each_cell_finds():
     for i, amplitude in enumerate((0.2, 0.6, 1.0)):
         for j, frequency in enumerate((0.2, 0.6, 1.0)):
 
-            def motion(time, a=math.radians(amplitude), w=2 * math.pi * frequency):
+            def motion(time, amplitude=amplitude, frequency=frequency):
+                a, w = math.radians(amplitude), 2 * math.pi * frequency
                 swing = a * np.sin(w * time)
                 return 0 * time, swing, 0 * time, -(w**2) * swing
 
@@ -194,7 +195,7 @@ def test_radii_come_from_the_motion_when_only_the_spacing_is_known():
 
 def test_one_sensor_says_what_it_can():
     """Static tilt and frequency need no pair; without a radius the amplitude is missing, with it a sine is assumed."""
-    columns = {k: v for k, v in readings(TIME, {"upper": 5.0}).items()}
+    columns = readings(TIME, {"upper": 5.0})
     without = Trial("made", (log_of("tilt", columns),), settings_from({"attitude": {"gravity_m_s2": G}}))
     found = rows(attitude(without))
     assert math.degrees(found["static_x"].value) == pytest.approx(3.0, abs=0.02)
@@ -257,7 +258,7 @@ def said(result, words):
 
 def test_equal_radii_are_refused_in_one_line():
     """The line names the file, the value and why."""
-    with pytest.raises(InputError, match="radii of upper and lower .* are all 3 m"):
+    with pytest.raises(InputError, match=r"radii of upper and lower .* are all 3 m"):
         attitude(made(both(), settings={"radius_upper_m": 3.0, "radius_lower_m": 3.0}))
 
 
@@ -281,7 +282,7 @@ def test_a_stuck_sensor_is_told_from_a_dead_one():
     assert said(result, "lower_z_accel_m_s2 stands still")
     assert "stuck-sensor" in rows(result)["static_z"].flags
     assert math.degrees(rows(result)["dynamic_amplitude_z"].value) == pytest.approx(0.3, rel=0.05)
-    with pytest.raises(InputError, match="upper_x_accel_m_s2 never changes .* stuck"):
+    with pytest.raises(InputError, match=r"upper_x_accel_m_s2 never changes .* stuck"):
         attitude(made(both(upper_x_accel_m_s2=lambda x: 0 * x + 0.3)))
 
 
