@@ -104,7 +104,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--windows", type=int, default=100_000)
     count = parser.parse_args().windows
-    print("microseconds per window    ML-A     ML-B   scipy  python |  scipy/ML-A  scipy/ML-B  largest difference, ML-A to scipy")
+    print(
+        "microseconds per window    ML-A     ML-B   scipy  python |  scipy/ML-A  scipy/ML-B  largest difference, ML-A to scipy"
+    )
     for unequal in (False, True):
         for length in (7, 10, 15):
             looks, windows = windows_of(length, count, unequal)
@@ -124,7 +126,9 @@ def main() -> None:
             seen = ours > 0
             off = float(np.max(np.abs(np.array(found)[seen] / ours[seen] - 1.0)))
             name = f"{length:2d} looks, {'unequal' if unequal else 'equal  '} alpha"
-            print(f"{name:24s}{exact:8.3f} {paper:8.3f} {peer:7.1f} {plain:7.1f} |{peer / exact:10.0f}x {peer / paper:10.0f}x  {off:.1e}")
+            print(
+                f"{name:24s}{exact:8.3f} {paper:8.3f} {peer:7.1f} {plain:7.1f} |{peer / exact:10.0f}x {peer / paper:10.0f}x  {off:.1e}"
+            )
 
     looks, windows = windows_of(10, 200, True)
     rng = np.random.default_rng(1)

@@ -9,7 +9,7 @@ import contextlib
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,9 +17,10 @@ import click
 
 from rangeeval import __version__
 from rangeeval.errors import RangeevalError, SettingsError, one_line
+from rangeeval.scenarios import SCENARIOS
 
 if TYPE_CHECKING:
-    from rangeeval.model import Bins, Result, Trial
+    from rangeeval.model import Bins, Problem, Result, Trial
 
 FAILED = 3
 
@@ -136,14 +137,22 @@ def accuracy(
 @paths
 @analysis_options
 @click.option(
-    "--method", type=click.Choice(["ml-a", "em-a", "ml-b", "em-b", "med"]), default="ml-a", show_default=True,
+    "--method",
+    type=click.Choice(["ml-a", "em-a", "ml-b", "em-b", "med"]),
+    default="ml-a",
+    show_default=True,
     help="`ml-a`: exact maximum likelihood; the others are the source paper's, for comparison.",
 )
 @click.option(
-    "--swerling", type=click.Choice(["0", "1", "2", "3", "4", "auto"]), default="auto", show_default=True,
+    "--swerling",
+    type=click.Choice(["0", "1", "2", "3", "4", "auto"]),
+    default="auto",
+    show_default=True,
     help="Fluctuation of the target; `auto` compares the cases over the whole trial.",
 )
-@click.option("--window", type=click.IntRange(1), metavar="N", help="Also the sliding estimate over N looks (csv, json).")
+@click.option(
+    "--window", type=click.IntRange(1), metavar="N", help="Also the sliding estimate over N looks (csv, json)."
+)
 @click.option("--per-track", is_flag=True, help="Also rows for each target.")
 def rcs(
     trial: tuple[Path, ...], form: str | None, output: Path | None, confidence: float, method: str, swerling: str,
@@ -167,6 +176,36 @@ def rcs(
             per_track=per_track,
             progress=advance,
         )
+    show(one, result, form, output)
+
+
+@cli.command()
+@paths
+@analysis_options
+@click.option("--correct", is_flag=True, help="Write the plots log with the attitude taken out, as CSV, instead.")
+def attitude(
+    trial: tuple[Path, ...], form: str | None, output: Path | None, confidence: float, correct: bool, **bins: Any
+) -> None:
+    """Tilt, dynamic motion, attitude error by method, and what it does to azimuth and elevation.
+
+    With --correct, the plots' angles as they are with the measured attitude, interpolated to each detection; a plot in
+    a gap of the tilt log is flagged, not corrected.
+    """
+    from rangeeval.analyses.attitude import attitude as analyse
+    from rangeeval.analyses.attitude import correct_plots
+
+    one = opened(list(trial))
+    if correct:
+        if form not in (None, "csv"):
+            raise click.UsageError("--correct writes CSV")
+        with progress("attitude") as advance:
+            found = correct_plots(one, progress=advance)
+        _write(found.to_csv(), output)
+        _warn((*one.problems, *found.problems))
+        click.echo(f"rangeeval: {found.corrected} plots corrected, {found.flagged} flagged", err=True)
+        return
+    with progress("attitude") as advance:
+        result = analyse(one, bins_of(one, **bins), confidence=confidence, progress=advance)
     show(one, result, form, output)
 
 
@@ -208,47 +247,56 @@ def inspect(trial: tuple[Path, ...], form: str) -> None:
 
 
 @cli.command()
-@click.argument("scenario", type=click.Choice(["alpha-beta", "swerling"]))
+@click.argument("scenario", type=click.Choice(list(SCENARIOS)))
 @click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), help="Folder to write.")
 @click.option("--seed", type=int, default=1, show_default=True)
-@click.option("--flights", type=click.IntRange(1), default=4, show_default=True, help="alpha-beta: how many.")
+@click.option("--flights", type=click.IntRange(1), help="alpha-beta: how many (default 4).")
+@click.option("--manoeuvre", type=float, metavar="M_S2", help="alpha-beta: target acceleration sigma (default 0).")
+@click.option("--outbound", is_flag=True, default=None, help="alpha-beta: each flight also flies back out.")
+@click.option("--no-truth", is_flag=True, default=None, help="alpha-beta: leave out the truth log.")
+@click.option("--radius-upper", type=float, metavar="M", help="attitude: of the upper accelerometer (default 5).")
+@click.option("--radius-lower", type=float, metavar="M", help="attitude: of the lower accelerometer (default 1).")
+@click.option("--rate", type=float, metavar="HZ", help="attitude: accelerometer samples a second (default 10).")
+@click.option("--gap", is_flag=True, default=None, help="attitude: leave 12 seconds out of the tilt log.")
+@click.option("--grid", is_flag=True, help="attitude: print the peak errors of Fig. 3; no trial is needed.")
 @click.option(
-    "--manoeuvre", type=float, default=0.0, show_default=True, metavar="M_S2",
-    help="alpha-beta: target acceleration sigma.",
+    "--swerling", type=click.Choice(["0", "1", "2", "3", "4"]), help="swerling: the target's case (default 3)."
 )
-@click.option("--outbound", is_flag=True, help="alpha-beta: each flight also flies back out.")
-@click.option("--no-truth", is_flag=True, help="alpha-beta: leave out the truth log.")
-@click.option("--swerling", type=click.Choice(["0", "1", "2", "3", "4"]), default="3", show_default=True,
-              help="swerling: the target's case.")
-@click.option("--rcs", "rcs_m2", type=float, default=2.0, show_default=True, metavar="M2", help="swerling: mean RCS.")
-@click.option("--broadside", "broadside_db", type=float, default=0.0, show_default=True, metavar="DB",
-              help="swerling: how much larger from the side.")
-@click.option("--table", is_flag=True, help="swerling: print the source paper's Monte Carlo table; no trial is needed.")
+@click.option("--rcs", "rcs_m2", type=float, metavar="M2", help="swerling: mean RCS (default 2).")
+@click.option("--broadside", "broadside_db", type=float, metavar="DB", help="swerling: how much larger from the side.")
+@click.option("--table", is_flag=True, help="swerling: print the paper's Monte Carlo table; no trial is needed.")
 @click.option("--runs", type=click.IntRange(2), default=10_000, show_default=True, help="swerling: runs of --table.")
-def simulate(scenario: str, output: Path | None, seed: int, table: bool, runs: int, **options: Any) -> None:  # fmt: skip
+def simulate(scenario: str, output: Path | None, seed: int, grid: bool, table: bool, runs: int, **options: Any) -> None:
     """Make a synthetic trial with known answers.
 
     alpha-beta: a radar whose alpha-beta tracker follows targets inbound from 100 km.
+    attitude: a radar that rocks at 0.8 Hz, with a pair of accelerometers, while a target flies in.
     swerling: looks at one target of known mean RCS; with --table, RMS errors of all five RCS methods.
     """
-    if output is None and not (table and scenario == "swerling"):
+    import inspect as signatures
+
+    from rangeeval.scenarios import scenario as load
+
+    write = load(scenario)
+    known = signatures.signature(write).parameters
+    given = {name: value for name, value in options.items() if value is not None}
+    strange = [name for name in given if name not in known]
+    strange += ["grid"] if grid and scenario != "attitude" else []
+    strange += ["table"] if table and scenario != "swerling" else []
+    if strange:
+        raise click.UsageError(f"--{strange[0].replace('_', '-')} does not go with the scenario '{scenario}'")
+    if output is None and not (grid or table):
         raise click.UsageError("Missing option '-o' / '--output'.")
-    written: list[Path] = []
-    if scenario == "swerling":
-        from rangeeval.scenarios_swerling import compare_methods, comparison_text, simulate_swerling
-
-        if output is not None:
-            own = {k: options[k] for k in ("swerling", "rcs_m2", "broadside_db")}
-            written = simulate_swerling(output, seed=seed, **own)
-        if table:
-            click.echo(comparison_text(compare_methods(runs, seed)), nl=False)
-    elif output is not None:
-        from rangeeval.scenarios import simulate_alpha_beta
-
-        own = {k: options[k] for k in ("flights", "manoeuvre", "outbound", "no_truth")}
-        written = simulate_alpha_beta(output, seed=seed, **own)
-    for path in written:
+    for path in write(output, seed=seed, **given) if output is not None else []:
         click.echo(path)
+    if grid:
+        from rangeeval.scenarios.attitude import figure_3_text
+
+        click.echo(figure_3_text(given.get("radius_upper", 5.0)), nl=False)
+    if table:
+        from rangeeval.scenarios.swerling import compare_methods, comparison_text
+
+        click.echo(comparison_text(compare_methods(runs, seed)), nl=False)
 
 
 def opened(trial: list[Path]) -> Trial:
@@ -293,11 +341,19 @@ def show(trial: Trial, result: Result, form: str | None, output: Path | None) ->
         from rangeeval.reporting.terminal import as_text
 
         text = as_text(result, None if output else sys.stdout)
+    _write(text, output)
+    _warn(problems)
+
+
+def _write(text: str, output: Path | None) -> None:
     if output is None:
         click.echo(text, nl=False)
     else:
         output.write_text(text, encoding="utf-8", newline="")
-    for problem in problems:
+
+
+def _warn(problems: Iterable[Problem]) -> None:
+    for problem in dict.fromkeys(problems):
         click.echo(f"rangeeval: {one_line(problem)}", err=True)
         for example in problem.examples:
             click.echo(f"  {one_line(example)}", err=True)

@@ -41,6 +41,7 @@ ANALYSES: dict[str, Analysis] = {
         "rangeeval.analyses.accuracy:accuracy", needs=("residuals",), takes=("estimator", "per_track")
     ),
     "rcs": Analysis("rangeeval.analyses.rcs:rcs", needs=("detections",), takes=("per_track",)),
+    "attitude": Analysis("rangeeval.analyses.attitude:attitude", needs=("tilt",)),
 }
 
 

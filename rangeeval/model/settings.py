@@ -11,7 +11,7 @@ from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from typing import Any
 
 from rangeeval.errors import SettingsError, did_you_mean, one_line
-from rangeeval.model.kinds import KINDS
+from rangeeval.model.kinds import KINDS, SENSORS
 
 
 @dataclass(frozen=True)
@@ -54,12 +54,28 @@ class Radar:
 
 @dataclass(frozen=True)
 class Attitude:
-    """Where the accelerometers sit and the gravity they feel."""
+    """Where the accelerometers sit, the gravity they feel, and how well all that is known.
+
+    Radii are distances from the rotation axis along the sensors' line, signed: positive on one side (below), negative
+    on the other. `radius_m` names further sensors, or one axis of a sensor (`upper_x`). `spacing_m` is the upper radius
+    less the lower: enough where an oscillation can show the rest. The `*_sigma_*`, `sway_m` and `time_skew_s` are
+    standard deviations for the error budget. `assumed_*` is the attitude that the radar's own reports took for granted.
+    """
 
     radius_upper_m: float | None = None
     radius_lower_m: float | None = None
     radius_middle_m: float | None = None
+    radius_m: Mapping[str, float] = field(default_factory=dict)
+    spacing_m: float | None = None
     gravity_m_s2: float | None = None
+    single_sensor: str | None = None
+    assumed_x_deg: float = 0.0
+    assumed_z_deg: float = 0.0
+    radius_sigma_m: float = 0.01
+    bias_sigma_m_s2: float = 0.01
+    time_skew_s: float = 0.001
+    sway_m: float = 0.001
+    gravity_sigma_m_s2: float = 0.0005
 
 
 @dataclass(frozen=True)
@@ -269,6 +285,7 @@ def _check(settings: TrialSettings, where: str) -> None:
         value = getattr(radar, name)
         if value is not None and value <= 0:
             raise SettingsError(f"{where}: radar.{name} is {value:g}, expected more than 0")
+    _check_attitude(settings.attitude, where)
 
 
 def _check_detections(settings: TrialSettings, where: str) -> None:
@@ -298,3 +315,23 @@ def _check_detections(settings: TrialSettings, where: str) -> None:
         value = getattr(e, key)
         if value is not None and value <= 0:
             raise SettingsError(f"{where}: radar_equation.{key} is {value:g}, expected more than 0")
+
+
+def _check_attitude(attitude: Attitude, where: str) -> None:
+    known = [*SENSORS, *(f"{sensor}_{axis}" for sensor in SENSORS for axis in ("x", "z"))]
+    for name in attitude.radius_m:
+        if name not in known:
+            raise SettingsError(
+                f"{where}: attitude.radius_m names '{one_line(name, 40)}', which is no sensor; "
+                f"{did_you_mean(name, known)}"
+            )
+    if attitude.single_sensor is not None and attitude.single_sensor not in SENSORS:
+        raise SettingsError(
+            f"{where}: attitude.single_sensor is '{one_line(attitude.single_sensor, 40)}'; "
+            f"{did_you_mean(attitude.single_sensor, SENSORS)}"
+        )
+    if attitude.gravity_m_s2 is not None and not 9.5 < attitude.gravity_m_s2 < 10.0:
+        raise SettingsError(f"{where}: attitude.gravity_m_s2 is {attitude.gravity_m_s2:g}, expected 9.5 to 10 m/s^2")
+    for name in ("radius_sigma_m", "bias_sigma_m_s2", "time_skew_s", "sway_m", "gravity_sigma_m_s2"):
+        if getattr(attitude, name) < 0:
+            raise SettingsError(f"{where}: attitude.{name} is {getattr(attitude, name):g}, expected 0 or more")

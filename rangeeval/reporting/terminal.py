@@ -8,8 +8,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from rangeeval.errors import one_line
 from rangeeval.reporting.blocks import Cell, Table
-from rangeeval.reporting.sections.rcs import rcs_table
-from rangeeval.reporting.tables import headline_table, verdict_table
+from rangeeval.reporting.tables import short_tables, verdict_table
 from rangeeval.reporting.wording import NBSP
 
 if TYPE_CHECKING:
@@ -24,6 +23,10 @@ _NOTE = {
     "rcs": (
         "Intervals: {confidence:.0%}. {case_verdict} "
         "An error of the radar equation goes straight into the RCS and is in no interval."
+    "attitude": (
+        "Intervals: {confidence:.0%}. The pair's attitude stands for the truth; sway of the rotation centre, "
+        "bias and wrong "
+        "radii are not in its σ but in the budget (--format json)."
     ),
     "check": "All bins: the verdict at the level that holds for all bins of the requirement together (Bonferroni).",
 }
@@ -31,13 +34,13 @@ _NOTE = {
 
 def as_text(result: Result, stream: IO[str] | None = None) -> str:
     """The result's short table as text, in colour when `stream` is a terminal."""
-    if result.analysis == "check":
-        table = verdict_table(result, caption="Requirements")
-    elif result.analysis == "rcs":
-        table = rcs_table(result, "RCS and detection probability")
-    else:
-        table = headline_table(result, caption=result.analysis.capitalize())
-    return text_of(table, stream) + _NOTE.get(result.analysis, "").format(**result.settings) + "\n"
+    tables = (
+        [verdict_table(result, caption="Requirements")]
+        if result.analysis == "check"
+        else short_tables(result, caption=result.analysis.capitalize())
+    )
+    note = _NOTE.get(result.analysis, "").format(**result.settings)
+    return "\n".join(text_of(table, stream) for table in tables) + note + "\n"
 
 
 def text_of(table: Table, stream: IO[str] | None = None) -> str:

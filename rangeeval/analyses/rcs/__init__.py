@@ -171,8 +171,9 @@ def rcs(
             "counts": dict(gathered.counts),
         },
         problems=tuple(problems),
-        series=_series(gathered, binned, windows, all_fits, fits, cases, chosen, law, model_s, slid,
-                       confidence, own.fold_aspect),  # fmt: skip
+        series=_series(
+            gathered, binned, windows, all_fits, fits, cases, chosen, law, model_s, slid, confidence, own.fold_aspect
+        ),  # fmt: skip
     )
 
 

@@ -158,10 +158,14 @@ def gather_looks(trial: Trial, progress: Callable[[int], None] | None = None) ->
     judge = _Judge(log.source, table.floats("time_s"))
     detected = table.floats("detected")
     judge.set_aside(
-        np.isnan(detected), "rows without 0 or 1 in detected: not looked at, not a miss", lambda i: "detected is missing"
+        np.isnan(detected),
+        "rows without 0 or 1 in detected: not looked at, not a miss",
+        lambda i: "detected is missing",
     )
     judge.set_aside(
-        ~np.isin(detected, (0.0, 1.0)), "detected is neither 0 nor 1; set aside", lambda i: f"detected is {detected[i]:g}"
+        ~np.isin(detected, (0.0, 1.0)),
+        "detected is neither 0 nor 1; set aside",
+        lambda i: f"detected is {detected[i]:g}",
     )
     seen = detected == 1.0
     pulses = table.floats("pulses")

@@ -124,7 +124,9 @@ def rcs_row(window: Window, s: float, ends: tuple[float, float], group: str | No
     )  # fmt: skip
 
 
-def window_rows(window: Window, method: Method, chosen: str, among: tuple[str, ...], model_s: Floats) -> Iterator[Estimate]:
+def window_rows(
+    window: Window, method: Method, chosen: str, among: tuple[str, ...], model_s: Floats
+) -> Iterator[Estimate]:
     """All rows of one window: pooled first, then each case. `model_s`: the trial's mean RCS with its ends."""
     n, k = len(window.looks), window.hits
     few = ("few-samples",) if "few-samples" in window.flags else ()
@@ -152,9 +154,7 @@ def window_rows(window: Window, method: Method, chosen: str, among: tuple[str, .
     rho, pairs = window.correlation
     if pairs:
         half = 1.96 / math.sqrt(pairs)
-        yield window.row(
-            "amplitude_correlation", "1", rho, (max(-1.0, rho - half), min(1.0, rho + half)), flags=()
-        )
+        yield window.row("amplitude_correlation", "1", rho, (max(-1.0, rho - half), min(1.0, rho + half)), flags=())
     for case in method.cases:
         s, low, high, value = window.fits[case.name]
         yield rcs_row(window, s, (low, high), case.name, ())
@@ -256,8 +256,6 @@ def correlations(m: Measures, windows: Windows, order: NDArray[np.intp], time_s:
         by_time = np.argsort(time_s[order[a:b]], kind="stable")
         found.append(lag_one(m.u[a:b][by_time]))
     return found
-
-
 
 
 __all__ = ["CaseFit", "Choice", "Method", "Place", "RangeLaw", "Window", "fit_case", "window_rows"]

@@ -18,6 +18,7 @@ SECTIONS: dict[str, str] = {
     "check": "rangeeval.reporting.sections.check:sections",
     "accuracy": "rangeeval.reporting.sections.accuracy:sections",
     "rcs": "rangeeval.reporting.sections.rcs:sections",
+    "attitude": "rangeeval.reporting.sections.attitude:sections",
 }
 
 _EPOCH = datetime.datetime(1980, 1, 1, tzinfo=datetime.UTC)  # stamps files of a trial that gives no date

@@ -47,6 +47,11 @@ def summary_figure(result: Result) -> Figure:
     )
 
 
+def short_tables(result: Result, caption: str, *, summary: bool = False) -> list[Table]:
+    """What a terminal and the report's first page show: one table for both."""
+    return [rcs_table(result, caption)]
+
+
 def rcs_table(result: Result, caption: str) -> Table:
     """One line a bin (and target): detections, probability, and the RCS in dBsm and in m^2."""
     wanted = ("detection_probability", "detection_probability_model", "rcs")
@@ -285,7 +290,9 @@ def _fit(result: Result) -> list[Block]:
     cases = [[f"Swerling {r.group}", plain_number(r.value, 7)] for r in result.rows if r.quantity == "aic_all_bins"]
     if cases:
         blocks.append(Paragraph(str(s["case_verdict"])))
-        blocks.append(Table("Akaike's criterion of each case, one RCS a bin (smaller is better)", ["Case", "AIC"], cases))
+        blocks.append(
+            Table("Akaike's criterion of each case, one RCS a bin (smaller is better)", ["Case", "AIC"], cases)
+        )
         shape = _whole(result, "swerling_shape")
         if shape is not None:
             blocks.append(Paragraph(

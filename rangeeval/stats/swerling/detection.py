@@ -38,9 +38,7 @@ def _probabilities(threshold, pulses, snr, shape, out):  # type: ignore[no-untyp
         out[k] = detection_probability_of(threshold[k], pulses[k], snr[k], shape[k])
 
 
-def detection_probability(
-    snr: ArrayLike, threshold: ArrayLike, case: Case, pulses: ArrayLike = 1
-) -> Floats:
+def detection_probability(snr: ArrayLike, threshold: ArrayLike, case: Case, pulses: ArrayLike = 1) -> Floats:
     """P(z >= T) at mean SNR per pulse; arrays broadcast. At SNR 0 it is the false-alarm probability.
 
     References

@@ -44,9 +44,7 @@ def _slopes(kind, z, threshold, alpha, pulses, shape, cells, quick, first, last,
     d1, d2 = 0.0, 0.0
     if quick == 0:
         for k in range(first, last):
-            _, a, b = look_terms(
-                kind[k], z[k], threshold[k], pulses[k], alpha[k] * s, shape[k], cells
-            )
+            _, a, b = look_terms(kind[k], z[k], threshold[k], pulses[k], alpha[k] * s, shape[k], cells)
             d1 += a
             d2 += b
         return d1, d2
@@ -83,9 +81,7 @@ def _value(kind, z, threshold, alpha, pulses, shape, cells, first, last, s):  # 
     """lnL of one window and its first two derivatives in ln s."""
     value, d1, d2 = 0.0, 0.0, 0.0
     for k in range(first, last):
-        v, a, b = look_terms(
-            kind[k], z[k], threshold[k], pulses[k], alpha[k] * s, shape[k], cells
-        )
+        v, a, b = look_terms(kind[k], z[k], threshold[k], pulses[k], alpha[k] * s, shape[k], cells)
         value += v
         d1 += a
         d2 += b
@@ -130,9 +126,7 @@ def _from_grid(kind, z, threshold, alpha, pulses, shape, cells, quick, first, la
     step = (math.log(8.0 * top) - low) / (_GRID - 1)
     best, best_value = -math.inf, -math.inf
     if at_zero <= 0.0:
-        best_value, _, _ = _value(
-            kind, z, threshold, alpha, pulses, shape, cells, first, last, 1e-9 / most
-        )
+        best_value, _, _ = _value(kind, z, threshold, alpha, pulses, shape, cells, first, last, 1e-9 / most)
     u, before = low, 0.0
     i = 0
     while i < 4 * _GRID:
@@ -141,9 +135,7 @@ def _from_grid(kind, z, threshold, alpha, pulses, shape, cells, quick, first, la
             root = _newton(
                 kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, u - 0.5 * step, u - step, u
             )
-            value, _, _ = _value(
-                kind, z, threshold, alpha, pulses, shape, cells, first, last, math.exp(root)
-            )
+            value, _, _ = _value(kind, z, threshold, alpha, pulses, shape, cells, first, last, math.exp(root))
             if value > best_value:
                 best, best_value = root, value
         if i >= _GRID and slope <= 0.0:
@@ -188,9 +180,7 @@ def _maximise(kind, z, threshold, alpha, pulses, shape, cells, quick, firsts, la
         elif bounded == 0:
             out[i] = math.inf
         elif at_zero <= 0.0 or (near[i] <= 0.0 and (most > _SPREAD * least or cells > 1.0)):
-            out[i] = _from_grid(
-                kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, at_zero
-            )
+            out[i] = _from_grid(kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, at_zero)
         else:
             start = math.log(near[i] if near[i] > 0.0 else max(start / (last - first), 1e-3 / most))
             out[i] = _newton(
@@ -201,9 +191,7 @@ def _maximise(kind, z, threshold, alpha, pulses, shape, cells, quick, firsts, la
 @compiled
 def _values(kind, z, threshold, alpha, pulses, shape, cells, firsts, lasts, s, value, slope, bend):  # type: ignore[no-untyped-def]
     for i in range(len(firsts)):
-        value[i], slope[i], bend[i] = _value(
-            kind, z, threshold, alpha, pulses, shape, cells, firsts[i], lasts[i], s[i]
-        )
+        value[i], slope[i], bend[i] = _value(kind, z, threshold, alpha, pulses, shape, cells, firsts[i], lasts[i], s[i])
 
 
 @compiled
@@ -353,4 +341,3 @@ def detections(looks: Looks, windows: Windows) -> NDArray[np.int64]:
 
 def _largest_alpha(looks: Looks, windows: Windows) -> Floats:
     return np.array([looks.alpha[a:b].max() for a, b in zip(windows.first, windows.last, strict=True)])
-

@@ -82,7 +82,10 @@ class Looks:
         detected = looks.kind == DETECTION
         for wrong, reason in (
             (detected & missing, "a detection has no amplitude"),
-            (detected & ~missing & ~(looks.z >= looks.threshold), "the amplitude of a detection is below its threshold"),
+            (
+                detected & ~missing & ~(looks.z >= looks.threshold),
+                "the amplitude of a detection is below its threshold",
+            ),
             (~(looks.threshold > 0), "the threshold is not above zero"),
             (~(looks.alpha > 0), "alpha is not above zero"),
         ):

@@ -128,7 +128,23 @@ def _plain_value(kind, z, threshold, alpha, pulses, shape, cells, quick, first, 
 
 @compiled
 def _iterate(  # type: ignore[no-untyped-def]
-    kind, z, threshold, alpha, pulses, shape, cells, quick, firsts, lasts, start, method, absolute, relative, out, steps, why
+    kind,
+    z,
+    threshold,
+    alpha,
+    pulses,
+    shape,
+    cells,
+    quick,
+    firsts,
+    lasts,
+    start,
+    method,
+    absolute,
+    relative,
+    out,
+    steps,
+    why,
 ):
     """`method` 0: ML-B (guard on lnL), 1: EM-B (guard on Q), 2: EM-A (Q maximised)."""
     for i in range(len(firsts)):
