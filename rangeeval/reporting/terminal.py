@@ -23,10 +23,10 @@ _NOTE = {
     "rcs": (
         "Intervals: {confidence:.0%}. {case_verdict} "
         "An error of the radar equation goes straight into the RCS and is in no interval."
+    ),
     "attitude": (
         "Intervals: {confidence:.0%}. The pair's attitude stands for the truth; sway of the rotation centre, "
-        "bias and wrong "
-        "radii are not in its σ but in the budget (--format json)."
+        "bias and wrong radii are not in its σ but in the budget (--format json)."
     ),
     "check": "All bins: the verdict at the level that holds for all bins of the requirement together (Bonferroni).",
 }
