@@ -35,6 +35,7 @@ QUANTITIES = {
     "z_sigma": "z σ",
     "elevation_sigma": "Elevation σ",
     "azimuth_sigma": "Azimuth σ",
+    "snr": "SNR",
 }
 
 
