@@ -70,6 +70,7 @@ QUANTITIES = {
     "detection_probability": "Pd",
     "detection_probability_model": "Model Pd",
     "rcs": "RCS",
+    "snr": "SNR",
 }
 
 
