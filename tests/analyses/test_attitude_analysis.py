@@ -148,8 +148,11 @@ def test_a_long_fast_record_is_held_in_blocks_and_says_the_same():
     """400 000 samples at 1 kHz are reduced to blocks; tilt, amplitude and frequency are found none the worse."""
     time = np.arange(400_000) / 1000.0
     result = attitude(made(readings(time, {"upper": 5.0, "lower": 1.0})))
+    slow = np.arange(400_000) / 50.0  # blocks of 0.08 s would take half a percent off the amplitude
+    coarse = rows(attitude(made(readings(slow, {"upper": 5.0, "lower": 1.0}))))["single_error_peak_z"]
+    assert math.degrees(coarse.value) == pytest.approx(3.873, rel=1e-3)
     found = rows(result)
-    assert result.settings["block"] == 2
+    assert result.settings["block"] == 4
     assert found["frequency_z"].value == pytest.approx(0.8, abs=2e-6)
     assert math.degrees(found["static_x"].value) == pytest.approx(3.0, abs=0.001)
     assert math.degrees(found["single_error_peak_z"].value) == pytest.approx(3.873, rel=2e-3)

@@ -301,12 +301,16 @@ class _Pass:
             stuck = watch.look(values[k])
             if stuck.any():
                 values[k, stuck] = np.nan
-            with np.errstate(invalid="ignore"):
-                self.beyond_channel[k] += int(np.count_nonzero(np.abs(values[k]) > g))
-            self.usable[k] += int(np.count_nonzero(np.isfinite(values[k])))
+            if watch.highest > g or watch.lowest < -g:
+                with np.errstate(invalid="ignore"):
+                    self.beyond_channel[k] += int(np.count_nonzero(np.abs(values[k]) > g))
+            self.usable[k] = watch.seen - watch.stuck
         for axis, weights in self.centre.items():
-            with np.errstate(invalid="ignore"):
-                self.beyond[axis] += int(np.count_nonzero(np.abs(weights @ values[self.setup.of_axis(axis)]) > g))
+            rows = self.setup.of_axis(axis)
+            centre = weights @ values[rows[0] : rows[-1] + 1]
+            if centre.size and (np.fmax.reduce(centre) > g or np.fmin.reduce(centre) < -g):
+                with np.errstate(invalid="ignore"):
+                    self.beyond[axis] += int(np.count_nonzero(np.abs(centre) > g))
 
     def _stretch(self, time: Array, values: Array) -> None:
         self.blocks.add(np.concatenate([time[None], values]))
@@ -398,9 +402,9 @@ class _Pass:
             )
             say(Problem(source, text, 0, shown))
         for k, (c, watch) in enumerate(zip(self.setup.channels, self.watches, strict=True)):
-            if watch.constant and watch.state[10] > 20:
+            if watch.constant and watch.seen > 20:
                 raise InputError(
-                    f"{source}: {c.column} never changes over {int(watch.state[10])} samples: the sensor is stuck"
+                    f"{source}: {c.column} never changes over {watch.seen} samples: the sensor is stuck"
                 )
             if watch.stuck:
                 text = f"{c.column} stands still for over {watch.longest} samples: stuck, taken as missing"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,20 +95,21 @@ def motion_of(axis: str, setup: Setup, gathered: Gathered, other_tilt: Array | N
     g = setup.gravity * (np.cos(other_tilt) if other_tilt is not None else 1.0)
     g = np.where(np.isfinite(g), g, setup.gravity)
     flags: list[str] = []
-    # The axis as each single channel shows it: enough to find the oscillation, before any radius is needed.
-    found = _oscillation(gathered, list(forces))
     radii = _surveyed(setup, axis)
+    heights = height_weights(radii.values) if radii and len(sensors) > 1 else None
+    # Each channel shows the oscillation before any radius is needed; the angular acceleration where the channels' tilt
+    # and swing cancel.
+    found = _oscillation(gathered, [*forces, heights.slope @ forces] if heights is not None else list(forces))
     calibrated = _calibrated(setup, axis, gathered, forces, found)
     if radii is None and calibrated is not None and len(sensors) > 1:
         radii = calibrated
         flags.append("calibrated")
-    heights = height_weights(radii.values) if radii and len(sensors) > 1 else None
+        heights = height_weights(radii.values)
     single_sensor = setup.single if setup.single in sensors else sensors[0]
     force_single = forces[sensors.index(single_sensor)]
     single = tilt(force_single, g)
     if heights is not None:
         centre, slope = heights.centre @ forces, heights.slope @ forces
-        found = _oscillation(gathered, [*forces, centre, slope])
         alpha = tilt(centre, g)
     else:
         centre, slope, alpha = force_single, None, single
@@ -219,6 +220,7 @@ def _fits(
         acceleration, faster = _amplitude(turned, n)
         varies = varies or faster
         largest = max(x.amplitude for x in turned) if varies else acceleration.value
+    dynamic, acceleration, largest = _unblocked(gathered, f, dynamic, acceleration, largest)
     frequency_error_hz = found.error_hz
     if varies:
         extra.append("amplitude-varies")
@@ -232,6 +234,18 @@ def _fits(
             frequency_error_hz = max(frequency_error_hz, float(np.std(each, ddof=1)) / math.sqrt(len(each)))
     frequency = Measured(f, frequency_error_hz, math.inf, float(n))
     return _Fitted(frequency, static, dynamic, acceleration, largest, tuple(extra), math.nan, ())
+
+
+def _unblocked(
+    gathered: Gathered, f: float, dynamic: Measured, acceleration: Measured, largest: float
+) -> tuple[Measured, Measured, float]:
+    """Amplitudes with what block means take off them given back: sin(pi f B dt) / (B sin(pi f dt))."""
+    if gathered.block == 1:
+        return dynamic, acceleration, largest
+    x = math.pi * f * gathered.interval_s
+    gain = gathered.block * math.sin(x) / math.sin(gathered.block * x)
+    back = [replace(m, value=m.value * gain, error=m.error * gain) for m in (dynamic, acceleration)]
+    return back[0], back[1], largest * gain
 
 
 def _at_rest(gathered: Gathered, alpha: Array, n: int) -> _Fitted:
