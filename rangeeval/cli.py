@@ -254,10 +254,14 @@ def bins_of(
     import dataclasses
 
     from rangeeval.model import Bins
-    from rangeeval.model.settings import settings_from
+    from rangeeval.model.settings import VARIABLES, settings_from
 
     asked = {"variable": variable, "width": bin_width, "start": bin_start, "snr_span_db": snr_span}
     own = {k: v for k, v in dataclasses.asdict(trial.settings.bins).items() if v is not None}
+    if variable in VARIABLES and variable != own["variable"]:  # the trial's own width and start are of another unit
+        if bin_width is None and snr_span is None:
+            raise SettingsError(f"--bins {variable} needs --bin-width: the trial's own is for {own['variable']}")
+        own = {"min_samples": own["min_samples"]}
     merged = {**own, **{k: v for k, v in asked.items() if v is not None}}
     return Bins.of(settings_from({"bins": merged}, "options").bins)
 

@@ -100,7 +100,8 @@ def _inspected(item: Mapping[str, Any], stream: IO[str] | None) -> str:
     text = text_of(Table(item["file"], ["", ""], facts, "ll"), stream)
     text += text_of(Table("", ["Column", "Stored as", ""], columns, "lll"), stream)
     for problem in item["problems"]:
-        rows = f" ({problem['count']} rows)" if problem["count"] else ""
+        count = problem["count"]
+        rows = f" ({count} row{'s' if count != 1 else ''})" if count else ""
         text += one_line(f"! {problem['reason']}{rows}") + "\n"
         text += "".join(f"  {one_line(example)}\n" for example in problem["examples"])
     return text

@@ -43,7 +43,7 @@ min_samples = 30
 [[requirements]]
 name = "Range accuracy at 20 dB and better"
 quantity = "range_sigma"
-limit = 3.0
+limit = 2.5
 confidence = 0.95
 when = {{ snr_db_min = 20.0 }}
 

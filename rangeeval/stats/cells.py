@@ -60,10 +60,9 @@ def _follow(  # type: ignore[no-untyped-def]
     """Mark restarts and duplicates and find the leg of each row; `state` carries the tracks across pieces.
 
     The leg turns when the range has come back from its extreme by more than max(100 m, 0.5 %), which is more than
-    a prediction's noise; the rows since the extreme are then relabelled. Returns the counts (duplicates, late).
+    a prediction's noise; the rows since the extreme are then relabelled. Returns the number of duplicates.
     """
     duplicates = 0
-    late = 0
     last_row[:] = -1
     extreme_row[:] = -1
     for j in range(len(time)):
@@ -90,7 +89,6 @@ def _follow(  # type: ignore[no-untyped-def]
             usual = s[_INTERVAL]
             if step < 0.0:
                 mark[j] = RESTART
-                late += 1
             elif usual == 0.0:
                 s[_INTERVAL] = step
             elif step > _GAP * usual:
@@ -138,7 +136,7 @@ def _follow(  # type: ignore[no-untyped-def]
         while j >= 0 and way == way:
             leg[j] = np.int8(way)
             j = previous[j]
-    return duplicates, late
+    return duplicates
 
 
 @compiled
@@ -361,18 +359,18 @@ class Follower:
 
     def follow(
         self, time: Array, track: NDArray[np.int32], rng: Array, residual: Array
-    ) -> tuple[NDArray[np.int8], NDArray[np.int8], int, int]:
-        """Marks, legs (-1 inbound, 1 outbound, 0 unknown), and the counts of duplicate and late rows of a piece."""
+    ) -> tuple[NDArray[np.int8], NDArray[np.int8], int]:
+        """Marks, legs (-1 inbound, 1 outbound, 0 unknown), and the number of duplicate rows of a piece."""
         tracks = int(track.max(initial=-1)) + 1
         self._state = _grown(self._state, tracks)  # type: ignore[assignment]
         n = len(time)
         mark, leg = np.empty(n, np.int8), np.empty(n, np.int8)
         last, extreme = np.empty(tracks, np.int32), np.empty(tracks, np.int32)
         previous = np.empty(n, np.int32)
-        duplicates, late = _follow(  # type: ignore[no-untyped-call]
+        duplicates = _follow(  # type: ignore[no-untyped-call]
             time, track, rng, residual, self._interval, self._state, last, extreme, previous, mark, leg
         )
-        return mark, leg, int(duplicates), int(late)
+        return mark, leg, int(duplicates)
 
 
 class CellNumbers:

@@ -268,6 +268,102 @@ def test_flags_say_what_is_wrong_and_a_sound_log_has_none(change, flag):
     assert flag in row(accuracy(trial_of(data), Bins()), "range_sigma").flags
 
 
+def test_heavy_tails_widen_the_interval():
+    """With kurtosis k the degrees of freedom are 2 nu / (k - 1): a few large residuals make sigma less sure."""
+    data = columns(600, seed=5)
+    data["range_residual_m"][::20] *= 8.0
+    got = row(accuracy(trial_of(data), Bins()), "range_sigma")
+    kurtosis = row(accuracy(trial_of(data), Bins()), "range_residual_kurtosis").value
+    assert "not-normal" in got.flags
+    assert got.extra["nu"] == pytest.approx(2 * (got.n_eff - 1) / (kurtosis - 1))
+    assert (got.low, got.high) == pytest.approx(sigma_interval(got.value, got.extra["nu"], 0.95))
+
+
+def test_a_small_bin_borrows_the_correlation_of_all():
+    """A bin of 40 samples beside one of 960: its n_eff comes from the correlation of all, not from its own noise."""
+    x = filtered(np.random.default_rng(3), 1000, 0.5, 0.1715728752538099, 1.5)
+    data = columns(1000)
+    data["range_residual_m"] = x
+    data["range_predicted_m"] = np.r_[np.full(960, 52_000.0), np.full(40, 57_000.0)]
+    small = row(accuracy(trial_of(data), Bins()), "range_sigma", low=55_000.0)
+    large = row(accuracy(trial_of(data), Bins()), "range_sigma", low=50_000.0)
+    assert small.n == 40
+    assert small.n_eff / 40 == pytest.approx(large.n_eff / large.n, rel=0.15)
+
+
+def test_the_means_interval_counts_the_memory_of_the_samples():
+    """Residuals that come in threes leave the mean three times as uncertain in variance (Newey-West, to 20 %)."""
+    white = np.random.default_rng(2).standard_normal(3000)
+    widths = []
+    for x in (white, np.repeat(white[:1000], 3)):
+        data = columns(3000)
+        data["range_residual_m"] = x
+        data["range_predicted_m"] = np.linspace(50_000, 54_000, 3000)
+        got = row(accuracy(trial_of(data), Bins()), "range_residual_mean")
+        widths.append(got.high - got.low)
+    assert (widths[1] / widths[0]) ** 2 == pytest.approx(3.0, rel=0.25)
+
+
+def test_floors_add_in_quadrature_to_the_predicted_sigma():
+    """A range floor counts beside the thermal noise; without SNR nothing is predicted."""
+    data = columns(600, alpha=0.5)
+    assert not [
+        r
+        for r in accuracy(trial_of(data, radar=Radar(bandwidth_hz=1e6)), Bins()).rows
+        if "predicted_range_sigma" in r.quantity
+    ]
+    data["snr_db"] = np.full(600, 20.0)
+    plain, floored = (
+        row(
+            accuracy(trial_of(data, radar=Radar(bandwidth_hz=1e6, range_floor_m=f)), Bins()), "predicted_range_sigma"
+        ).value
+        for f in (0.0, 20.0)
+    )
+    b = float(beta_from_alpha(0.5))
+    ratio = (0.5 - 1.5 * b + 2 * b) / (0.5 * (3 - b))
+    assert floored**2 - plain**2 == pytest.approx(400.0 * ratio, rel=1e-9)
+
+
+def test_range_noise_that_may_enter_an_angle_is_flagged():
+    """tan(theta) sigma_R over R sigma_theta above 0.3: the flag, and a bound that adds the range noise."""
+    data = columns(600)
+    data["y_predicted_m"][:], data["z_predicted_m"][:] = 35_000.0, 0.0
+    data["range_residual_m"] *= 10
+    result = accuracy(trial_of(data), Bins())
+    got = row(result, "elevation_sigma")
+    assert "range-leak" in got.flags
+    assert "range-leak" not in row(result, "azimuth_sigma").flags
+    assert row(result, "elevation_sigma_leak_bound").value > 1.5 * got.value
+
+
+def test_a_target_far_off_boresight_is_flagged():
+    """A cosine below 0.1 is grazing."""
+    data = columns(300)
+    data["y_predicted_m"] = data["range_predicted_m"] * 0.997
+    assert "grazing" in row(accuracy(trial_of(data), Bins()), "elevation_sigma").flags
+
+
+def test_series_hold_what_the_figures_need():
+    """Histogram counts add up to the samples, quantiles are the samples against normal ones, extremes are there."""
+    from scipy.special import ndtri
+
+    n = 9000
+    data = columns(n)
+    data["range_predicted_m"] = np.linspace(50_000, 54_000, n)
+    data["range_residual_m"][777] = 500.0
+    result = accuracy(trial_of(data), Bins())
+    used = row(result, "range_sigma").n
+    assert sum(result.series["range/0/histogram"]["count"]) == pytest.approx(used, rel=1e-9)
+    samples = result.series["range/0/samples"]
+    assert 500.0 in samples["residual"]
+    assert samples["time_s"] == sorted(samples["time_s"])
+    assert len(samples["time_s"]) < 1000
+    small = accuracy(trial_of({k: v[:122] for k, v in data.items()}), Bins())
+    qq = small.series["range/0/qq"]
+    assert qq["residual"] == sorted(data["range_residual_m"][22:122])
+    assert qq["normal"] == pytest.approx(ndtri((np.arange(100) + 0.5) / 100))
+
+
 def test_gains_that_switch_inside_a_bin_are_flagged():
     """Two gain levels in one bin put the bin-mean formula off by over 2 %."""
     alpha = np.repeat([0.2, 0.8], 500)

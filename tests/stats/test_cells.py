@@ -171,12 +171,12 @@ def test_legs_turn_where_the_range_turns():
     n = 2000
     rng = np.abs(np.linspace(30e3, -30e3, n)) + 8e3 + np.random.default_rng(8).normal(0, 15, n)
     track = np.zeros(n, np.int32)
-    mark, leg, duplicates, late = Follower().follow(np.arange(float(n)), track, rng, np.ones(n))
+    mark, leg, duplicates = Follower().follow(np.arange(float(n)), track, rng, np.ones(n))
     turn = int(np.argmin(rng))
     assert set(leg[: turn - 3]) == {-1}
     assert set(leg[turn + 3 :]) == {1}
     assert np.count_nonzero(np.diff(leg)) == 1
-    assert (mark[0], duplicates, late) == (c.RESTART, 0, 0)
+    assert (mark[0], duplicates) == (c.RESTART, 0)
 
 
 def test_a_coast_restarts_the_track_and_a_few_misses_do_not():
@@ -190,7 +190,7 @@ def test_a_coast_restarts_the_track_and_a_few_misses_do_not():
 def test_the_same_update_twice_is_dropped_once():
     """A row equal to the one before it on the same track is marked; one that only shares its time is not."""
     time = np.array([0.0, 1.0, 1.0, 2.0, 2.0])
-    mark, _, duplicates, _ = Follower().follow(
+    mark, _, duplicates = Follower().follow(
         time, np.zeros(5, np.int32), np.array([5e4, 4e4, 4e4, 3e4, 3e4]), np.array([1.0, 2.0, 2.0, 3.0, 4.0])
     )
     assert duplicates == 1

@@ -66,7 +66,9 @@ def balanced(alpha, sigma_v=1.0):
     ("alpha", "printed"),
     [
         (np.linspace(0.45, 0.55, 4001), 1.001),
+        (np.linspace(0.4, 0.6, 4001), 1.003),
         (np.linspace(0.3, 0.7, 4001), 1.012),
+        (np.linspace(0.2, 0.8, 4001), 1.031),
         (np.linspace(0.1, 0.9, 4001), 1.069),
         (np.array([0.4, 0.6]), 1.009),
         (np.array([0.3, 0.7]), 1.038),
@@ -92,6 +94,28 @@ def test_adaptive_gains_mislead_mean_gains_most():
     e, a, b, truth = balanced(alpha, sigma_v)
     t = va.track_sigma(e, a, b, ab.q_cv, mode="zero_mean")
     assert t.sigma / truth == pytest.approx(1.23, abs=0.01)
+    assert t.sigma_per_sample == pytest.approx(truth, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("centre_km", "printed"),
+    [
+        (7.5, (0.936, 0.976)),
+        (12.5, (0.975, 1.002)),
+        (22.5, (0.993, 1.004)),
+        (42.5, (0.993, 1.004)),
+        (82.5, (0.993, 1.004)),
+    ],
+)
+@pytest.mark.parametrize("sigma_at_80_km", [3.0, 7.07, 20.0, 60.0])
+def test_a_wide_bin_near_the_radar_mixes_gains(centre_km, printed, sigma_at_80_km):
+    """In a 5 km bin with SNR falling as R^-4 mean gains are within 0.7 % beyond 20 km, and up to 6 % low at 7.5 km."""
+    r = np.linspace(centre_km - 2.5, centre_km + 2.5, 2001)
+    sigma_v = sigma_at_80_km * (r / 80) ** 2
+    alpha, _ = ab.gains_from_tracking_index(5.0 * 0.5**2 / sigma_v)
+    e, a, b, truth = balanced(alpha, sigma_v)
+    t = va.track_sigma(e, a, b, ab.q_cv, mode="zero_mean")
+    assert printed[0] - 6e-4 <= t.sigma / truth <= printed[1] + 6e-4
     assert t.sigma_per_sample == pytest.approx(truth, rel=1e-12)
 
 
