@@ -98,7 +98,8 @@ print(n)
 
 def run(code: str, path: Path) -> tuple[float, float, bytes]:
     """Seconds, peak MiB and output of a fresh Python process."""
-    wrapped = code + "\nimport resource; sys.stderr.write(' ' + str(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss))"
+    peak = "str(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+    wrapped = code + f"\nimport resource; sys.stderr.write(' ' + {peak})"
     started = time.perf_counter()
     done = subprocess.run([sys.executable, "-c", wrapped, str(path)], capture_output=True, check=True)
     return time.perf_counter() - started, int(done.stderr.split()[-1]) / 1024, done.stdout
@@ -132,7 +133,6 @@ def main() -> None:
         same = "the same bits" if len(digests) == 1 else f"{len(digests)} DIFFERENT results"
         print(f"{options.repeats} runs: {same}")
         print(json.dumps({name: {"seconds": s, "peak_mib": m} for name, (s, m) in best.items()}))
-
 
 
 if __name__ == "__main__":

@@ -35,7 +35,7 @@ def allan_deviation(values: ArrayLike, averaging: Sequence[int] | NDArray[np.int
 
 
 def averaging_lengths(n: int, points: int = 40) -> NDArray[np.int64]:
-    """Averaging lengths from one sample to a ninth of n (beyond that too few averages remain), evenly in the logarithm."""
+    """Averaging lengths from one sample to a ninth of n (beyond: too few averages), evenly in the logarithm."""
     if n < 9:
         return np.empty(0, np.int64)
     return np.unique(np.geomspace(1, n // 9, points).astype(np.int64))

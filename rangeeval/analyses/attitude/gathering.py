@@ -215,7 +215,7 @@ class _Pass:
         return time, values
 
     def _check_unit(self, table: Table, values: Array) -> None:
-        """Judge the unit by the mean magnitude: of the whole vector where the vertical is logged, else of the readings."""
+        """Judge the unit by the mean magnitude: of the vector where the vertical is logged, else of the readings."""
         g, log = self.setup.gravity, self.setup.logs[0]
         with np.errstate(invalid="ignore"):
             for sensor in dict.fromkeys(c.sensor for c in self.setup.channels if c.log == 0):
@@ -403,9 +403,7 @@ class _Pass:
             say(Problem(source, text, 0, shown))
         for k, (c, watch) in enumerate(zip(self.setup.channels, self.watches, strict=True)):
             if watch.constant and watch.seen > 20:
-                raise InputError(
-                    f"{source}: {c.column} never changes over {watch.seen} samples: the sensor is stuck"
-                )
+                raise InputError(f"{source}: {c.column} never changes over {watch.seen} samples: the sensor is stuck")
             if watch.stuck:
                 text = f"{c.column} stands still for over {watch.longest} samples: stuck, taken as missing"
                 say(Problem(source, text, watch.stuck, rejected=True))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import gammaincinv, stdtrit
 
 from rangeeval.analyses.attitude.gathering import Gathered
 from rangeeval.analyses.attitude.setup import Setup, positions_of
@@ -36,7 +36,7 @@ class Measured:
         """Two-sided interval, Student's t."""
         if not (math.isfinite(self.value) and math.isfinite(self.error) and self.freedom > 0):
             return math.nan, math.nan
-        half = float(stats.t.ppf(0.5 + confidence / 2, min(self.freedom, 1e9))) * self.error
+        half = float(stdtrit(min(self.freedom, 1e9), 0.5 + confidence / 2)) * self.error
         return self.value - half, self.value + half
 
 
@@ -197,7 +197,7 @@ class _Fitted:
 def _fits(
     axis: str, gathered: Gathered, alpha: Array, slope: Array | None, found: _Oscillation, flags: list[str]
 ) -> _Fitted:
-    """Sine fits over segments of at least `CYCLES` cycles: scatter between segments carries wander into the intervals."""
+    """Sine fits over segments of `CYCLES` cycles or more: their scatter carries wander into the intervals."""
     t = gathered.time_s
     n = int(np.isfinite(alpha).sum())
     extra: list[str] = []
@@ -297,7 +297,7 @@ def _amplitude(fits: Sequence[SineFit], n: int) -> tuple[Measured, bool]:
     if len(fits) > 1 and (noise > 0).all():
         chi = float(np.sum((amplitudes - amplitudes.mean()) ** 2 / noise**2))
         # Noise-free records differ in the last digit: what does not matter is not called varying.
-        varies = chi > stats.chi2.ppf(1 - CHANCE, len(fits) - 1) and float(np.ptp(amplitudes)) > 0.02 * root
+        varies = chi > 2 * gammaincinv((len(fits) - 1) / 2, 1 - CHANCE) and float(np.ptp(amplitudes)) > 0.02 * root
     return Measured(root, mean.error / (2 * root), mean.freedom, mean.n_eff), varies
 
 
@@ -449,7 +449,7 @@ def _skew(gathered: Gathered, forces: Array, found: _Oscillation) -> Measured:
 
 
 def _misfit(gathered: Gathered, radii: Radii, forces: Array, found: _Oscillation) -> Measured:
-    """Amplitude (m/s^2) of what three and more sensors read beside a straight line over radii: zero for a rigid body."""
+    """Amplitude (m/s^2) of what three sensors or more read off a straight line over radii: zero for a rigid body."""
     if not math.isfinite(found.frequency_hz):
         return NOTHING
     r = np.asarray(radii.values)

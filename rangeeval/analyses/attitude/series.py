@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import gammaincinv
 
 from rangeeval.analyses.attitude.gathering import Gathered
 from rangeeval.analyses.attitude.motion import Motion
@@ -103,7 +103,7 @@ def _close(motion: Motion, gathered: Gathered) -> Columns:
 
 
 def _by_decade(frequency: Array, density: Array, lines: int = 500, *, mean: bool = False) -> tuple[Array, Array]:
-    """At most about `lines` lines, evenly in the logarithm of frequency; the highest of those joined (or their mean)."""
+    """At most about `lines` lines, evenly in the logarithm of frequency: the highest of those joined, or the mean."""
     if frequency.size <= lines:
         return frequency, density
     edges = np.unique(np.searchsorted(frequency, np.geomspace(frequency[0], frequency[-1], lines)))
@@ -124,8 +124,8 @@ def _allan(motion: Motion, gathered: Gathered) -> dict[str, Columns]:
         return {}
     deviation = allan_deviation(values, lengths)
     freedom = np.array([max(allan_interval_freedom(values.size, int(m)), 1.0) for m in lengths])
-    low = deviation * np.sqrt(freedom / stats.chi2.ppf(0.975, freedom))
-    high = deviation * np.sqrt(freedom / stats.chi2.ppf(0.025, freedom))
+    low = deviation * np.sqrt(freedom / (2 * gammaincinv(freedom / 2, 0.975)))
+    high = deviation * np.sqrt(freedom / (2 * gammaincinv(freedom / 2, 0.025)))
     return {
         f"{motion.axis}/allan": {
             "tau_s": (lengths * step).tolist(), "deviation": deviation.tolist(),
