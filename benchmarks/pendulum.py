@@ -1,7 +1,7 @@
 """What single-sensor tilt and the multi-height method err by on a real pendulum, against its optical reference.
 
-Reads the RepoIMU recording `Pendulum_Test02a_Trial1` (Szczesna et al. 2016): three inertial units, one on each segment of
-a three-segment pendulum, each with an optical orientation. The data are not part of this repository.
+Reads the RepoIMU recording `Pendulum_Test02a_Trial1` (Szczesna et al. 2016): three inertial units, one on each segment
+of a three-segment pendulum, each with an optical orientation. The data are not part of this repository.
 
     python benchmarks/pendulum.py FOLDER     # holding ..._Segment_1.csv, _2.csv, _3.csv
 
