@@ -109,6 +109,26 @@ def test_report_errors_over_the_path_are_the_published_ones(case, expected):
         assert math.degrees(found["azimuth_error_peak"].value) == pytest.approx(3.04, abs=0.015)
 
 
+def test_the_noise_of_the_pair_is_taken_off_the_errors_judged_by_it():
+    """A pair of six times the noise (5 and 4 m) still gives the errors of no attitude and one accelerometer, not 6 % more."""
+    columns = readings(TIME, {"upper": 5.0, "lower": 4.0}, seed=6)
+    result = attitude(made(columns, settings={"radius_lower_m": 4.0}, truth=path(TIME)), ALL)
+    for method, expected in (("none", 1.79), ("single", 2.58)):
+        row = rows(result, group=method)["elevation_error_rms"]
+        assert math.degrees(row.value) == pytest.approx(expected, rel=0.025)
+
+
+def test_a_gap_in_one_of_two_logs_is_a_gap():
+    """Where the second log is silent its sensor is missing: no attitude there, and none is drawn across."""
+    upper = readings(TIME, {"upper": 5.0}, noise=0.0)
+    keep = (TIME < 150) | (TIME > 162)
+    lower = {k: v[keep] for k, v in readings(TIME, {"lower": 1.0}, noise=0.0).items()}
+    seen = np.arange(0.0, 330.0, 0.47)
+    row = rows(attitude(made(upper, lower, truth=path(seen)), ALL), group="none")["elevation_error_rms"]
+    assert row.n == np.count_nonzero((seen <= 149.9) | (seen >= 162.1))
+    assert "no-attitude" in row.flags
+
+
 def test_the_grid_of_figure_3_is_what_an_analysis_of_each_cell_finds():
     """A noise-free record of every third cell of the grid gives back the printed peak error."""
     for i, amplitude in enumerate((0.2, 0.6, 1.0)):

@@ -110,11 +110,12 @@ def shares(at: Array, time: Array, values: Array, gap: float) -> tuple[Array, Ar
     right = np.clip(np.searchsorted(time, at), 1, time.size - 1)
     left = right - 1
     step = time[right] - time[left]
+    on_right, on_left = at == time[right], at == time[left]  # a sample is itself, even at the edge of a gap
     inside = (at >= time[0]) & (at <= time[-1]) & (step <= gap) & (step > 0)
-    share = np.where(inside, (at - time[left]) / np.where(step > 0, step, 1.0), 0.0)
-    exact = [share == 0.0, share == 1.0]
+    share = np.where(on_right, 1.0, np.where(inside & ~on_left, (at - time[left]) / np.where(step > 0, step, 1.0), 0.0))
     found = values[:, left] * (1 - share) + values[:, right] * share
-    found = np.where(exact[0], values[:, left], np.where(exact[1], values[:, right], found))
+    found = np.where(on_right, values[:, right], np.where(on_left, values[:, left], found))
+    inside |= on_right | on_left
     return np.where(inside, found, np.nan), share**2 + (1 - share) ** 2
 
 

@@ -297,7 +297,9 @@ def _amplitude(fits: Sequence[SineFit], n: int) -> tuple[Measured, bool]:
     if len(fits) > 1 and (noise > 0).all():
         chi = float(np.sum((amplitudes - amplitudes.mean()) ** 2 / noise**2))
         # Noise-free records differ in the last digit: what does not matter is not called varying.
-        varies = chi > 2 * gammaincinv((len(fits) - 1) / 2, 1 - CHANCE) and float(np.ptp(amplitudes)) > 0.02 * root
+        varies = (
+            bool(chi > 2 * gammaincinv((len(fits) - 1) / 2, 1 - CHANCE)) and float(np.ptp(amplitudes)) > 0.02 * root
+        )
     return Measured(root, mean.error / (2 * root), mean.freedom, mean.n_eff), varies
 
 
