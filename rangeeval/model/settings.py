@@ -86,7 +86,7 @@ class BinSettings:
     """How estimates are binned, in the variable's stored unit; `snr_span_db` makes bins of constant SNR span."""
 
     variable: str = "range"
-    width: float = 5000.0
+    width: float | None = None  # 5000 m for range
     start: float = 0.0
     min_samples: int = 30
     snr_span_db: float | None = None
@@ -200,7 +200,12 @@ def _check(settings: TrialSettings, where: str) -> None:
         raise SettingsError(
             f"{where}: bins.variable is '{one_line(bins.variable, 40)}'; {did_you_mean(bins.variable, VARIABLES)}"
         )
-    if bins.width <= 0:
+    if bins.width is None and bins.variable != "range":
+        unit = {"snr": "dB", "time": "s"}.get(bins.variable, "rad")
+        raise SettingsError(
+            f"{where}: bins.width is missing: bins of {bins.variable} have no usual width, give it in {unit}"
+        )
+    if bins.width is not None and bins.width <= 0:
         raise SettingsError(f"{where}: bins.width is {bins.width:g}, expected more than 0")
     if bins.snr_span_db is not None and (bins.snr_span_db <= 0 or bins.variable != "range"):
         raise SettingsError(f'{where}: bins.snr_span_db must be more than 0, and goes with variable = "range"')

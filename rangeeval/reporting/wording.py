@@ -59,6 +59,7 @@ QUANTITIES = {
     "z_sigma": "z σ",
     "elevation_sigma": "Elevation σ",
     "azimuth_sigma": "Azimuth σ",
+    "snr": "SNR",
 }
 
 
