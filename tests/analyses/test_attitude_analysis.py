@@ -252,6 +252,27 @@ def test_a_radar_at_rest_has_a_limit_and_an_allan_deviation():
     assert deviation[10] == pytest.approx(deviation[0] * (tau[0] / tau[10]) ** 0.5, rel=0.15)
 
 
+def test_the_allan_deviation_is_that_of_the_stretch_at_rest():
+    """A radar that rests for 100 s and then rocks: the deviation is of the rest alone, and there is none without a rest."""
+
+    def then_rocks(time):
+        x, z, x_dd, z_dd = table_1_attitude(time)
+        still = time < 100.0
+        return (
+            np.where(still, math.radians(3.0), x), np.where(still, math.radians(2.0), z),
+            np.where(still, 0.0, x_dd), np.where(still, 0.0, z_dd),
+        )  # fmt: skip
+
+    radii = {"upper": 5.0, "lower": 1.0}
+    data = attitude(made(readings(TIME, radii, motion=then_rocks))).series["z/allan"]
+    assert 90.0 < 9.0 * data["tau_s"][-1] < 101.0
+    assert data["deviation"][0] == pytest.approx(math.radians(0.12755), rel=0.06)
+    assert data["deviation"][10] == pytest.approx(
+        data["deviation"][0] * (data["tau_s"][0] / data["tau_s"][10]) ** 0.5, rel=0.3
+    )
+    assert "z/allan" not in attitude(made(readings(TIME, radii))).series
+
+
 def test_an_oscillation_that_grows_is_called_varying_and_judged_where_it_is_largest():
     """Growing linearly, the amplitude is the root mean square and the peak error that of the last segments."""
 
