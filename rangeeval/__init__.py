@@ -13,6 +13,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from rangeeval.analyses.accuracy import accuracy
+    from rangeeval.analyses.attitude import attitude, correct_plots
     from rangeeval.flow import check, evaluate, report
     from rangeeval.model import Bins, Result, Trial, log_of
     from rangeeval.parsers import open_trial
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 _WHERE = {
     "open_trial": "rangeeval.parsers",
     "accuracy": "rangeeval.analyses.accuracy",
+    "attitude": "rangeeval.analyses.attitude",
+    "correct_plots": "rangeeval.analyses.attitude",
     "evaluate": "rangeeval.flow",
     "check": "rangeeval.flow",
     "report": "rangeeval.flow",
@@ -30,7 +33,19 @@ _WHERE = {
     "log_of": "rangeeval.model",
 }
 
-__all__ = ["Bins", "Result", "Trial", "accuracy", "check", "evaluate", "log_of", "open_trial", "report"]
+__all__ = [
+    "Bins",
+    "Result",
+    "Trial",
+    "accuracy",
+    "attitude",
+    "check",
+    "correct_plots",
+    "evaluate",
+    "log_of",
+    "open_trial",
+    "report",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -9,7 +9,7 @@ import contextlib
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,9 +17,10 @@ import click
 
 from rangeeval import __version__
 from rangeeval.errors import RangeevalError, SettingsError, one_line
+from rangeeval.scenarios import SCENARIOS
 
 if TYPE_CHECKING:
-    from rangeeval.model import Bins, Result, Trial
+    from rangeeval.model import Bins, Problem, Result, Trial
 
 FAILED = 3
 
@@ -135,6 +136,36 @@ def accuracy(
 @cli.command()
 @paths
 @analysis_options
+@click.option("--correct", is_flag=True, help="Write the plots log with the attitude taken out, as CSV, instead.")
+def attitude(
+    trial: tuple[Path, ...], form: str | None, output: Path | None, confidence: float, correct: bool, **bins: Any
+) -> None:
+    """Tilt, dynamic motion, attitude error by method, and what it does to azimuth and elevation.
+
+    With --correct, the plots' angles as they are with the measured attitude, interpolated to each detection; a plot in
+    a gap of the tilt log is flagged, not corrected.
+    """
+    from rangeeval.analyses.attitude import attitude as analyse
+    from rangeeval.analyses.attitude import correct_plots
+
+    one = opened(list(trial))
+    if correct:
+        if form not in (None, "csv"):
+            raise click.UsageError("--correct writes CSV")
+        with progress("attitude") as advance:
+            found = correct_plots(one, progress=advance)
+        _write(found.to_csv(), output)
+        _warn((*one.problems, *found.problems))
+        click.echo(f"rangeeval: {found.corrected} plots corrected, {found.flagged} flagged", err=True)
+        return
+    with progress("attitude") as advance:
+        result = analyse(one, bins_of(one, **bins), confidence=confidence, progress=advance)
+    show(one, result, form, output)
+
+
+@cli.command()
+@paths
+@analysis_options
 @estimator_option
 def check(
     trial: tuple[Path, ...], form: str | None, output: Path | None, confidence: float, estimator: str, **bins: Any
@@ -218,26 +249,43 @@ def inspect(trial: tuple[Path, ...], form: str) -> None:
 
 
 @cli.command()
-@click.argument("scenario", type=click.Choice(["alpha-beta"]))
+@click.argument("scenario", type=click.Choice(list(SCENARIOS)))
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder to write."
 )
 @click.option("--seed", type=int, default=1, show_default=True)
-@click.option("--flights", type=click.IntRange(1), default=4, show_default=True)
-@click.option(
-    "--manoeuvre", type=float, default=0.0, show_default=True, metavar="M_S2", help="Target acceleration sigma."
-)
-@click.option("--outbound", is_flag=True, help="Each flight also flies back out.")
-@click.option("--no-truth", is_flag=True, help="Leave out the truth log.")
-def simulate(scenario: str, output: Path, seed: int, **options: Any) -> None:
+@click.option("--flights", type=click.IntRange(1), help="alpha-beta: how many (default 4).")
+@click.option("--manoeuvre", type=float, metavar="M_S2", help="alpha-beta: target acceleration sigma (default 0).")
+@click.option("--outbound", is_flag=True, default=None, help="alpha-beta: each flight also flies back out.")
+@click.option("--no-truth", is_flag=True, default=None, help="alpha-beta: leave out the truth log.")
+@click.option("--radius-upper", type=float, metavar="M", help="attitude: of the upper accelerometer (default 5).")
+@click.option("--radius-lower", type=float, metavar="M", help="attitude: of the lower accelerometer (default 1).")
+@click.option("--rate", type=float, metavar="HZ", help="attitude: accelerometer samples a second (default 10).")
+@click.option("--gap", is_flag=True, default=None, help="attitude: leave 12 seconds out of the tilt log.")
+@click.option("--grid", is_flag=True, help="attitude: also print the peak errors of Fig. 3.")
+def simulate(scenario: str, output: Path, seed: int, grid: bool, **options: Any) -> None:
     """Make a synthetic trial with known answers.
 
     alpha-beta: a radar whose alpha-beta tracker follows targets inbound from 100 km.
+    attitude: a radar that rocks at 0.8 Hz, with a pair of accelerometers, while a target flies in.
     """
-    from rangeeval.scenarios import simulate_alpha_beta
+    import inspect as signatures
 
-    for path in simulate_alpha_beta(output, seed=seed, **options):
+    from rangeeval.scenarios import scenario as load
+
+    write = load(scenario)
+    known = signatures.signature(write).parameters
+    given = {name: value for name, value in options.items() if value is not None}
+    strange = [name for name in given if name not in known]
+    if strange or (grid and scenario != "attitude"):
+        option = "--" + (strange[0] if strange else "grid").replace("_", "-")
+        raise click.UsageError(f"{option} does not go with the scenario '{scenario}'")
+    for path in write(output, seed=seed, **given):
         click.echo(path)
+    if grid:
+        from rangeeval.scenarios.attitude import figure_3_text
+
+        click.echo(figure_3_text(given.get("radius_upper", 5.0)), nl=False)
 
 
 def opened(trial: list[Path]) -> Trial:
@@ -254,10 +302,14 @@ def bins_of(
     import dataclasses
 
     from rangeeval.model import Bins
-    from rangeeval.model.settings import settings_from
+    from rangeeval.model.settings import VARIABLES, settings_from
 
     asked = {"variable": variable, "width": bin_width, "start": bin_start, "snr_span_db": snr_span}
     own = {k: v for k, v in dataclasses.asdict(trial.settings.bins).items() if v is not None}
+    if variable in VARIABLES and variable != own["variable"]:  # the trial's own width and start are of another unit
+        if bin_width is None and snr_span is None:
+            raise SettingsError(f"--bins {variable} needs --bin-width: the trial's own is for {own['variable']}")
+        own = {"min_samples": own["min_samples"]}
     merged = {**own, **{k: v for k, v in asked.items() if v is not None}}
     return Bins.of(settings_from({"bins": merged}, "options").bins)
 
@@ -278,11 +330,19 @@ def show(trial: Trial, result: Result, form: str | None, output: Path | None) ->
         from rangeeval.reporting.terminal import as_text
 
         text = as_text(result, None if output else sys.stdout)
+    _write(text, output)
+    _warn(problems)
+
+
+def _write(text: str, output: Path | None) -> None:
     if output is None:
         click.echo(text, nl=False)
     else:
         output.write_text(text, encoding="utf-8", newline="")
-    for problem in problems:
+
+
+def _warn(problems: Iterable[Problem]) -> None:
+    for problem in dict.fromkeys(problems):
         click.echo(f"rangeeval: {one_line(problem)}", err=True)
         for example in problem.examples:
             click.echo(f"  {one_line(example)}", err=True)

@@ -249,6 +249,12 @@ def test_a_wrong_when_is_named(original):
     one_line_error(rangeeval("accuracy", original, "--when", "snr_db_min"), "NUMBER")
 
 
+def test_bins_of_another_variable_need_a_width(original):
+    """A width in metres says nothing of angles, SNR or time."""
+    one_line_error(rangeeval("accuracy", original, "--bins", "azimuth"), "--bins azimuth needs --bin-width")
+    assert rangeeval("accuracy", original, "--bins", "snr", "--bin-width", "5").returncode == 0
+
+
 def test_standard_error_is_quiet_about_progress_when_no_terminal(original):
     """Only problems are written there."""
     assert "rows" in rangeeval("accuracy", original).stderr

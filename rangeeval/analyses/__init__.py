@@ -40,6 +40,7 @@ ANALYSES: dict[str, Analysis] = {
     "accuracy": Analysis(
         "rangeeval.analyses.accuracy:accuracy", needs=("residuals",), takes=("estimator", "per_track")
     ),
+    "attitude": Analysis("rangeeval.analyses.attitude:attitude", needs=("tilt",)),
 }
 
 

@@ -32,7 +32,8 @@ class Bins:
     def of(cls, settings: BinSettings) -> Bins:
         """The bins that `trial.toml` asks for."""
         ratio = None if settings.snr_span_db is None else 10 ** (settings.snr_span_db / 40)
-        return cls(settings.variable, settings.width, settings.start, settings.min_samples, ratio)
+        width = 5000.0 if settings.width is None else settings.width
+        return cls(settings.variable, width, settings.start, settings.min_samples, ratio)
 
     def index(self, values: NDArray[np.float64]) -> NDArray[np.int32]:
         """The bin of each value, `OUTSIDE` for those in none."""

@@ -117,18 +117,24 @@ GAINS = LogKind(
     any_of=("alpha", "alpha_range", "alpha_y", "alpha_z"),
 )
 
+SENSORS = ("upper", "lower", "middle", *(f"sensor_{i}" for i in range(1, 10)))
+
 TILT = LogKind(
     "tilt",
     "one accelerometer sample",
     (
         TIME,
         *(
-            _c(f"{place}_{axis}_accel_m_s2", "m_s2", f"{place} accelerometer, reading of the {axis} rotation")
-            for axis in ("x", "z")
-            for place in ("upper", "lower", "middle")
+            _c(f"{place}_{axis}_accel_m_s2", "m_s2", f"{place.replace('_', ' ')} accelerometer, {about}")
+            for axis, about in (
+                ("x", "reading of the x rotation (roll)"),
+                ("z", "reading of the z rotation (pitch)"),
+                ("y", "reading along the vertical, which checks the unit"),
+            )
+            for place in SENSORS
         ),
     ),
-    any_of=tuple(f"{place}_{axis}_accel_m_s2" for axis in ("x", "z") for place in ("upper", "lower", "middle")),
+    any_of=tuple(f"{place}_{axis}_accel_m_s2" for axis in ("x", "z") for place in SENSORS),
 )
 
 DETECTIONS = LogKind(

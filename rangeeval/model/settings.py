@@ -11,7 +11,7 @@ from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from typing import Any
 
 from rangeeval.errors import SettingsError, did_you_mean, one_line
-from rangeeval.model.kinds import KINDS
+from rangeeval.model.kinds import KINDS, SENSORS
 
 
 @dataclass(frozen=True)
@@ -54,12 +54,28 @@ class Radar:
 
 @dataclass(frozen=True)
 class Attitude:
-    """Where the accelerometers sit and the gravity they feel."""
+    """Where the accelerometers sit, the gravity they feel, and how well all that is known.
+
+    Radii are distances from the rotation axis along the sensors' line, signed: positive on one side (below), negative
+    on the other. `radius_m` names further sensors, or one axis of a sensor (`upper_x`). `spacing_m` is the upper radius
+    less the lower: enough where an oscillation can show the rest. The `*_sigma_*`, `sway_m` and `time_skew_s` are
+    standard deviations for the error budget. `assumed_*` is the attitude that the radar's own reports took for granted.
+    """
 
     radius_upper_m: float | None = None
     radius_lower_m: float | None = None
     radius_middle_m: float | None = None
+    radius_m: Mapping[str, float] = field(default_factory=dict)
+    spacing_m: float | None = None
     gravity_m_s2: float | None = None
+    single_sensor: str | None = None
+    assumed_x_deg: float = 0.0
+    assumed_z_deg: float = 0.0
+    radius_sigma_m: float = 0.01
+    bias_sigma_m_s2: float = 0.01
+    time_skew_s: float = 0.001
+    sway_m: float = 0.001
+    gravity_sigma_m_s2: float = 0.0005
 
 
 VARIABLES = ("range", "azimuth", "elevation", "snr", "aspect", "time")
@@ -70,7 +86,7 @@ class BinSettings:
     """How estimates are binned, in the variable's stored unit; `snr_span_db` makes bins of constant SNR span."""
 
     variable: str = "range"
-    width: float = 5000.0
+    width: float | None = None  # 5000 m for range
     start: float = 0.0
     min_samples: int = 30
     snr_span_db: float | None = None
@@ -184,7 +200,12 @@ def _check(settings: TrialSettings, where: str) -> None:
         raise SettingsError(
             f"{where}: bins.variable is '{one_line(bins.variable, 40)}'; {did_you_mean(bins.variable, VARIABLES)}"
         )
-    if bins.width <= 0:
+    if bins.width is None and bins.variable != "range":
+        unit = {"snr": "dB", "time": "s"}.get(bins.variable, "rad")
+        raise SettingsError(
+            f"{where}: bins.width is missing: bins of {bins.variable} have no usual width, give it in {unit}"
+        )
+    if bins.width is not None and bins.width <= 0:
         raise SettingsError(f"{where}: bins.width is {bins.width:g}, expected more than 0")
     if bins.snr_span_db is not None and (bins.snr_span_db <= 0 or bins.variable != "range"):
         raise SettingsError(f'{where}: bins.snr_span_db must be more than 0, and goes with variable = "range"')
@@ -226,3 +247,24 @@ def _check(settings: TrialSettings, where: str) -> None:
         value = getattr(radar, name)
         if value is not None and value <= 0:
             raise SettingsError(f"{where}: radar.{name} is {value:g}, expected more than 0")
+    _check_attitude(settings.attitude, where)
+
+
+def _check_attitude(attitude: Attitude, where: str) -> None:
+    known = [*SENSORS, *(f"{sensor}_{axis}" for sensor in SENSORS for axis in ("x", "z"))]
+    for name in attitude.radius_m:
+        if name not in known:
+            raise SettingsError(
+                f"{where}: attitude.radius_m names '{one_line(name, 40)}', which is no sensor; "
+                f"{did_you_mean(name, known)}"
+            )
+    if attitude.single_sensor is not None and attitude.single_sensor not in SENSORS:
+        raise SettingsError(
+            f"{where}: attitude.single_sensor is '{one_line(attitude.single_sensor, 40)}'; "
+            f"{did_you_mean(attitude.single_sensor, SENSORS)}"
+        )
+    if attitude.gravity_m_s2 is not None and not 9.5 < attitude.gravity_m_s2 < 10.0:
+        raise SettingsError(f"{where}: attitude.gravity_m_s2 is {attitude.gravity_m_s2:g}, expected 9.5 to 10 m/s^2")
+    for name in ("radius_sigma_m", "bias_sigma_m_s2", "time_skew_s", "sway_m", "gravity_sigma_m_s2"):
+        if getattr(attitude, name) < 0:
+            raise SettingsError(f"{where}: attitude.{name} is {getattr(attitude, name):g}, expected 0 or more")

@@ -121,5 +121,4 @@ def _data_uri(picture: str) -> Markup:
 
 def _role_css() -> str:
     """The colour of each role as a class, for the legends."""
-    names = ["measured", "predicted", "reference", "limit", *(f"group{n}" for n in range(1, 9))]
-    return "".join(f".role-{name}{{color:{style.look(name).colour}}}\n" for name in names)
+    return "".join(f".role-{name}{{color:{style.look(name).colour}}}\n" for name in style.ROLES)

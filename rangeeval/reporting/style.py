@@ -34,6 +34,9 @@ _LOOKS = {
     "predicted": Look("#D55E00", (5.0, 2.5), "square"),
     "reference": Look("#5B6875", (), "triangle", 0.9),
     "limit": Look("#9B2C6F", (6.0, 2.0, 1.2, 2.0), "diamond"),
+    "none": Look("#7A6A00", (6.0, 2.0), "triangle", 1.0),
+    "single": Look("#D55E00", (), "square", 0.7),
+    "pair": Look("#0072B2", (), "circle", 1.2),
     "group1": Look("#0072B2"),
     "group2": Look("#C77700", (5.0, 2.0), "square"),
     "group3": Look("#00805E", (2.0, 1.6), "triangle"),
@@ -43,6 +46,8 @@ _LOOKS = {
     "group7": Look("#7A6A00", (1.2, 1.4), "triangle"),
     "group8": Look("#1b2733", (9.0, 3.0), "diamond"),
 }
+
+ROLES = tuple(_LOOKS)
 
 
 def look(role: str) -> Look:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,6 +22,12 @@ from rangeeval.units import shown
 
 HEADLINES = {
     "accuracy": ("range_sigma", "elevation_sigma", "azimuth_sigma"),
+}
+
+
+# Analyses whose short form is not one table of bins by quantities: module:function(result, caption, summary) -> tables.
+SHORT_TABLES = {
+    "attitude": "rangeeval.reporting.attitude_tables:short_tables",
 }
 
 
@@ -60,6 +67,19 @@ def headline_quantities(result: Result) -> tuple[str, ...]:
     present = dict.fromkeys(r.quantity for r in result.rows)
     chosen = tuple(q for q in HEADLINES.get(result.analysis, ()) if q in present)
     return chosen or tuple(present)[:4]
+
+
+def short_tables(
+    result: Result, *, caption: str, rows: Sequence[Estimate] | None = None, summary: bool = False
+) -> list[Table]:
+    """What a terminal shows of a result, or with `summary` the report's first page: its own tables where `SHORT_TABLES`
+    names them, else one of bins by quantities.
+    """
+    if where := SHORT_TABLES.get(result.analysis):
+        module, name = where.split(":")
+        tables: list[Table] = getattr(importlib.import_module(module), name)(result, caption, summary=summary)
+        return tables
+    return [headline_table(result, caption=caption, rows=rows)]
 
 
 def headline_table(

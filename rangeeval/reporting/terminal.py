@@ -8,7 +8,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from rangeeval.errors import one_line
 from rangeeval.reporting.blocks import Cell, Table
-from rangeeval.reporting.tables import headline_table, verdict_table
+from rangeeval.reporting.tables import short_tables, verdict_table
 from rangeeval.reporting.wording import NBSP
 
 if TYPE_CHECKING:
@@ -20,18 +20,24 @@ _NOTE = {
         "σ: random error only, with its {confidence:.0%} interval. "
         "A constant bias leaves no trace in residuals and is not in these numbers."
     ),
+    "attitude": (
+        "Intervals: {confidence:.0%}. The pair's attitude stands for the truth; sway of the rotation centre, "
+        "bias and wrong "
+        "radii are not in its σ but in the budget (--format json)."
+    ),
     "check": "All bins: the verdict at the level that holds for all bins of the requirement together (Bonferroni).",
 }
 
 
 def as_text(result: Result, stream: IO[str] | None = None) -> str:
     """The result's short table as text, in colour when `stream` is a terminal."""
-    table = (
-        verdict_table(result, caption="Requirements")
+    tables = (
+        [verdict_table(result, caption="Requirements")]
         if result.analysis == "check"
-        else headline_table(result, caption=result.analysis.capitalize())
+        else short_tables(result, caption=result.analysis.capitalize())
     )
-    return text_of(table, stream) + _NOTE.get(result.analysis, "").format(**result.settings) + "\n"
+    note = _NOTE.get(result.analysis, "").format(**result.settings)
+    return "\n".join(text_of(table, stream) for table in tables) + note + "\n"
 
 
 def text_of(table: Table, stream: IO[str] | None = None) -> str:
@@ -94,7 +100,8 @@ def _inspected(item: Mapping[str, Any], stream: IO[str] | None) -> str:
     text = text_of(Table(item["file"], ["", ""], facts, "ll"), stream)
     text += text_of(Table("", ["Column", "Stored as", ""], columns, "lll"), stream)
     for problem in item["problems"]:
-        rows = f" ({problem['count']} rows)" if problem["count"] else ""
+        count = problem["count"]
+        rows = f" ({count} row{'s' if count != 1 else ''})" if count else ""
         text += one_line(f"! {problem['reason']}{rows}") + "\n"
         text += "".join(f"  {one_line(example)}\n" for example in problem["examples"])
     return text

@@ -26,6 +26,30 @@ FLAGS = {
     "range-leak": "range noise enters this angle if range and cross-range are updated apart; see the leak bound.",
     "steady-state": "most updates of the bin were left out while the filter settled; few remain.",
     "unobservable": "the predicted cross-range reaches the predicted range; no angle. Check frame and units.",
+    "one-sensor": "one accelerometer reads this rotation: what it reads of an oscillation is mostly its own "
+    "acceleration, and the true attitude is not known.",
+    "no-radii": "the sensors' radii are not known, so tilt and angular acceleration cannot be told apart.",
+    "one-axis": "one of the two rotations is not measured and is taken as zero.",
+    "no-oscillation": "no oscillation stands out of the noise; the amplitude is an upper limit.",
+    "amplitude-varies": "the oscillation grows and fades by more than noise: the amplitude is a root mean square over "
+    "segments, the peak error that of the segment that moved most.",
+    "assumes-sine": "follows from one accelerometer by its radius, if the motion is a sine about a fixed centre.",
+    "calibrated": "the radii come from the oscillation and the sensors' spacing, not from a survey.",
+    "radius-disagrees": "the radius used and the one the oscillation shows differ by more than four sigma.",
+    "clocks-differ": "the sensors of this axis do not swing in phase: their clocks differ, or the body bends.",
+    "not-rigid": "three sensors or more are off a straight line over their heights: the body bends, or a "
+    "radius is wrong.",
+    "saturated": "a sensor stood at its highest or lowest value: peaks are cut, amplitudes are lower bounds.",
+    "stuck-sensor": "a sensor stood still for a while; those samples are taken as missing.",
+    "beyond-g": "some readings exceed g, which no tilt explains; there the tilt is missing.",
+    "unusable": "more than one reading in a thousand exceeds g: vibration beyond what tilt sensing bears.",
+    "gaps": "the tilt log has gaps; nothing is guessed in them.",
+    "clock-step": "the clock was set back during the record; times it showed twice have no attitude.",
+    "no-attitude": "some detections fall where no attitude is known; they are left out.",
+    "noise-limited": "the error is no larger than the noise of the attitude it is judged by; the high end is "
+    "its limit.",
+    "propagated": "propagated from the attitude's noise, not seen in the samples of the bin.",
+    "from-tolerance": "follows from a tolerance in trial.toml (or its default), not from the data.",
     "extrapolated": "outside the data the model was fitted to.",
 }
 
@@ -35,6 +59,7 @@ QUANTITIES = {
     "z_sigma": "z σ",
     "elevation_sigma": "Elevation σ",
     "azimuth_sigma": "Azimuth σ",
+    "snr": "SNR",
 }
 
 

@@ -324,6 +324,40 @@ def test_floors_add_in_quadrature_to_the_predicted_sigma():
     assert floored**2 - plain**2 == pytest.approx(400.0 * ratio, rel=1e-9)
 
 
+def test_a_floor_alone_predicts_what_it_can():
+    """A log without SNR, a radar of known noise: the floor through the filter."""
+    from rangeeval.tracking.alpha_beta import filtered_variance
+
+    data = columns(600, alpha=0.5)
+    got = row(accuracy(trial_of(data, radar=Radar(range_floor_m=3.0)), Bins()), "predicted_range_sigma").value
+    assert got == pytest.approx(3.0 * np.sqrt(filtered_variance(0.5, beta_from_alpha(0.5))), rel=1e-9)
+
+
+def test_what_a_known_association_gate_cut_off_is_given_back():
+    """Normal residuals cut at two sigma lose 22.6 % of their variance; with the gate known sigma is right again."""
+    x = np.random.default_rng(4).standard_normal(200_000) * 10
+    x = x[np.abs(x) < 20][:20_000]
+    data = columns(20_000)
+    data["range_predicted_m"] = np.linspace(50_000, 54_000, 20_000)
+    data["range_residual_m"] = x
+    plain = row(accuracy(trial_of(data), Bins()), "range_residual_sigma").value
+    known = accuracy(trial_of(data, radar=Radar(association_gate_sigmas=2.0)), Bins())
+    assert plain == pytest.approx(8.8, rel=0.02)
+    assert row(known, "range_residual_sigma").value == pytest.approx(10.0, rel=0.02)
+    assert row(known, "range_sigma").value == pytest.approx(5.0, rel=0.02)
+
+
+def test_small_sound_bins_are_not_called_outliers():
+    """With 40 normal samples the two sigmas scatter by 15 %; the flag is up in few of 100 bins, and for one wild sample."""
+    flagged = 0
+    for seed in range(100):
+        data = columns(62, seed=seed)
+        flagged += "outliers" in row(accuracy(trial_of(data), Bins()), "range_sigma").flags
+    assert flagged <= 6
+    data["range_residual_m"][30] = 300.0
+    assert "outliers" in row(accuracy(trial_of(data), Bins()), "range_sigma").flags
+
+
 def test_range_noise_that_may_enter_an_angle_is_flagged():
     """tan(theta) sigma_R over R sigma_theta above 0.3: the flag, and a bound that adds the range noise."""
     data = columns(600)

@@ -68,6 +68,7 @@ def test_the_contracts_own_example_is_read():
         ("[bins]\nwidth = true", "expected a number"),
         ("[bins]\nwidth = 0.0", "bins.width is 0, expected more than 0"),
         ("[bins]\nwidth = nan", "expected a finite number"),
+        ("[bins]\nvariable = 'azimuth'", "bins.width is missing: bins of azimuth have no usual width, give it in rad"),
         ("[bins]\nvariable = 'rnage'", "did you mean 'range'?"),
         ("[[requirements]]\nquantity = 'range_sigma'", "the key 'limit' is missing"),
         ("[[requirements]]\nquantity = 'q'\nlimit = 1.0\nconfidence = 95.0", "confidence is 95"),

@@ -99,7 +99,13 @@ def test_adaptive_gains_mislead_mean_gains_most():
 
 @pytest.mark.parametrize(
     ("centre_km", "printed"),
-    [(7.5, (0.936, 0.976)), (12.5, (0.975, 1.002)), (22.5, (0.993, 1.004)), (42.5, (0.993, 1.004)), (82.5, (0.993, 1.004))],
+    [
+        (7.5, (0.936, 0.976)),
+        (12.5, (0.975, 1.002)),
+        (22.5, (0.993, 1.004)),
+        (42.5, (0.993, 1.004)),
+        (82.5, (0.993, 1.004)),
+    ],
 )
 @pytest.mark.parametrize("sigma_at_80_km", [3.0, 7.07, 20.0, 60.0])
 def test_a_wide_bin_near_the_radar_mixes_gains(centre_km, printed, sigma_at_80_km):

@@ -30,7 +30,7 @@ def accuracy(
 
     Parameters
     ----------
-    trial : holds a `residuals` log, with its gains in it or in a `gains` log (SI columns, CONTRACT section 3); or
+    trial : holds a `residuals` log, with its gains in it or in a `gains` log (SI columns, docs/reference/logs.md); or
         plain tables: a DataFrame of residuals with gains, or `{"residuals": ..., "gains": ...}`.
     bins : bins of the predicted range unless they say otherwise; by default those of the trial's settings.
     confidence : of the two-sided intervals.

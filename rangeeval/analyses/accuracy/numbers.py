@@ -13,12 +13,13 @@ from scipy.special import stdtrit
 from rangeeval.analyses.accuracy.gathering import Axis, Gathered, Place
 from rangeeval.model import Bins, Estimate
 from rangeeval.model.settings import Radar
-from rangeeval.physics.measurement import angle_sigma, range_sigma
+from rangeeval.physics.measurement import angle_sigma, filtered_sigma, range_sigma
 from rangeeval.stats import cells as c
 from rangeeval.stats.cells import LAGS, Cell
 from rangeeval.stats.correlation import effective_samples, ljung_box
 from rangeeval.stats.diagnostics import (
     MAD_TO_SIGMA,
+    gate_truncation_factor,
     jarque_bera_from_moments,
     mean_t_test,
     shapiro_wilk,
@@ -40,6 +41,7 @@ Array = NDArray[np.float64]
 TEST_LEVEL = 0.001
 GAINS_VARY = 0.02
 ROBUST_DIFFERS = 0.2
+ROBUST_SCATTER = 2.3  # over sqrt(n): 2.5 standard deviations of s / robust s - 1 for normal samples
 GRAZING_COSINE = 0.1
 LEAK = 0.3
 ALIKE = 2.33  # one-sided 1 %: manoeuvre beyond the gains' design is where intervals under-cover, so be told early
@@ -56,6 +58,12 @@ class Method:
     confidence: float
     paper: bool
     radar: Radar
+
+    @property
+    def ungated(self) -> float:
+        """What an association gate of known width took from a sigma, as a factor to give it back (1 without one)."""
+        gate = self.radar.association_gate_sigmas
+        return 1.0 if gate is None or self.paper else float(gate_truncation_factor(gate)) ** -0.5
 
 
 @dataclass(frozen=True)
@@ -191,7 +199,7 @@ def _here(
     axis: Axis, cell: Cell, place: Place, shared: Mapping[tuple[str, str], Array], method: Method, sigma_range: float
 ) -> Here:
     memory = _memory(cell, shared.get((place.track, place.group)))
-    sigmas = _sigmas(cell, paper=method.paper)
+    sigmas = _sigmas(cell, method)
     s = cell.sums
     kurtosis = float(jarque_bera_from_moments(cell.n, s[c.M2], s[c.M3], s[c.M4]).kurtosis)
     p_values = _p_values(cell, memory, sigmas)
@@ -206,17 +214,17 @@ def _root(squares: float, n: int) -> float:
     return math.sqrt(max(squares, 0.0) / (n - 1)) if n > 1 else math.nan
 
 
-def _sigmas(cell: Cell, *, paper: bool) -> Sigmas:
+def _sigmas(cell: Cell, method: Method) -> Sigmas:
     n, s = cell.n, cell.sums
     mean = float(s[c.MEAN]) if n else math.nan
     alpha, beta = cell.mean_of(c.SUM_ALPHA), cell.mean_of(c.SUM_BETA)
     q = float(q_cv(alpha, beta))
-    residual = _root(float(s[c.M2]) + (n * mean * mean if paper and n else 0.0), n)
+    residual = method.ungated * _root(float(s[c.M2]) + (n * mean * mean if method.paper and n else 0.0), n)
     mean_gains = residual * math.sqrt(q) if n > 1 else math.nan
-    if paper:
+    if method.paper:
         estimate, white = mean_gains, residual * math.sqrt(max(alpha * (1.0 - alpha), 0.0)) if n > 1 else math.nan
     else:
-        estimate, white = _root(cell.centred(c.Q0, mean), n), _root(cell.centred(c.W0, mean), n)
+        estimate, white = (method.ungated * _root(cell.centred(first, mean), n) for first in (c.Q0, c.W0))
     robust = MAD_TO_SIGMA * cell.median_absolute_deviation() if n > 1 else math.nan
     return Sigmas(mean, residual, estimate, white, mean_gains, robust, alpha, beta, q)
 
@@ -266,9 +274,10 @@ def _flags(
         flags.append("biased")
     if p["normality"] < TEST_LEVEL:
         flags.append("not-normal")
-    if sigmas.residual_robust > 0 and abs(sigmas.residual / sigmas.residual_robust - 1.0) > ROBUST_DIFFERS and n >= 10:
+    differs = max(ROBUST_DIFFERS, ROBUST_SCATTER / math.sqrt(n))
+    if sigmas.residual_robust > 0 and abs(sigmas.residual / sigmas.residual_robust - 1.0) > differs:
         flags.append("outliers")
-    per_sample = _root(cell.centred(c.Q0, 0.0 if method.paper else sigmas.mean), n)
+    per_sample = method.ungated * _root(cell.centred(c.Q0, 0.0 if method.paper else sigmas.mean), n)
     if per_sample > 0 and abs(sigmas.mean_gains / per_sample - 1.0) > GAINS_VARY:
         flags.append("gains-vary")
     if p["snr_homogeneity"] < TEST_LEVEL:
@@ -346,10 +355,8 @@ def _range_rows(here: Here) -> list[Estimate]:
     """The range axis's own: mean range, SNR, and the sigma that SNR and bandwidth predict."""
     cell, radar = here.cell, here.method.radar
     rows = [here.row("range_predicted_mean", "m", cell.mean_of(c.SUM_R)), *_snr_rows(here)]
-    if radar.bandwidth_hz:
-        measured = float(range_sigma(0.0, radar.bandwidth_hz)) * math.sqrt(2.0)
-        rows += _prediction_rows(here, "range", "m", measured, radar.range_floor_m, here.sigmas.estimate)
-    return rows
+    measured = float(range_sigma(0.0, radar.bandwidth_hz)) * math.sqrt(2.0) if radar.bandwidth_hz else 0.0
+    return rows + _prediction_rows(here, "range", "m", measured, radar.range_floor_m, here.sigmas.estimate)
 
 
 def _snr_rows(here: Here) -> list[Estimate]:
@@ -379,9 +386,12 @@ def _prediction_rows(
     `at_unit_snr`: the measurement's sigma at 2 SNR = 1. The mean of the predicted variances of the samples.
     """
     s, n = here.cell.sums, here.cell.sums[c.N_SNR]
-    if not n:
+    if n and at_unit_snr:
+        predicted = math.sqrt((at_unit_snr**2 * s[c.SUM_NOISE] + floor**2 * s[c.SUM_FLOOR]) / n)
+    elif floor:  # no SNR, or no parameters to use it: the floor is all that is known of the noise
+        predicted = float(filtered_sigma(floor, here.sigmas.alpha, here.sigmas.beta))
+    else:
         return []
-    predicted = math.sqrt((at_unit_snr**2 * s[c.SUM_NOISE] + floor**2 * s[c.SUM_FLOOR]) / n)
     ratio, low, high = variance_ratio_interval(assessed, here.nu, predicted, here.method.confidence)
     return [
         here.row(f"predicted_{name}_sigma", unit, predicted),
@@ -401,8 +411,7 @@ def _angle_rows(here: Here, angle: str, sigma_range: float) -> list[Estimate]:
     if method.paper or not math.isfinite(by_means) or cell.sums[c.N_BEYOND]:
         estimate, white = by_means, angle_of(sigmas.white)
     else:
-        estimate = _root(cell.centred(c.U0, sigmas.mean), n)
-        white = _root(cell.centred(c.V0, sigmas.mean), n)
+        estimate, white = (method.ungated * _root(cell.centred(first, sigmas.mean), n) for first in (c.U0, c.V0))
     low, high = (float(v) for v in bracket_factors(sigmas.alpha))
     rows = [
         here.sigma_row(f"{angle}_sigma", "rad", estimate),
@@ -421,7 +430,7 @@ def _angle_rows(here: Here, angle: str, sigma_range: float) -> list[Estimate]:
     radar = method.radar
     beamwidth = radar.beamwidth_elevation_deg if angle == "elevation" else radar.beamwidth_azimuth_deg
     floor = radar.elevation_floor_deg if angle == "elevation" else radar.azimuth_floor_deg
+    measured = 0.0
     if beamwidth:
         measured = float(angle_sigma(0.0, math.radians(beamwidth), radar.monopulse_slope)) * math.sqrt(2.0)
-        rows += _prediction_rows(here, angle, "rad", measured, math.radians(floor), estimate)
-    return rows
+    return rows + _prediction_rows(here, angle, "rad", measured, math.radians(floor), estimate)

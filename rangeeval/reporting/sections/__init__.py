@@ -17,6 +17,7 @@ from rangeeval.reporting.sections.common import inputs_section, plain_section, s
 SECTIONS: dict[str, str] = {
     "check": "rangeeval.reporting.sections.check:sections",
     "accuracy": "rangeeval.reporting.sections.accuracy:sections",
+    "attitude": "rangeeval.reporting.sections.attitude:sections",
 }
 
 _EPOCH = datetime.datetime(1980, 1, 1, tzinfo=datetime.UTC)  # stamps files of a trial that gives no date

@@ -155,7 +155,7 @@ def _prediction(rows: Sequence[Estimate]) -> list[Block]:
     body: list[list[str | Cell]] = []
     names = [q.removesuffix("_sigma") for q in AXES.values() if _has(rows, f"predicted_{q}")]
     for line in lines(rows, [f"{n}_variance_ratio" for n in names] + [f"predicted_{n}_sigma" for n in names] + ["snr"]):
-        cells: list[str | Cell] = [bin_text(line.first), value_text(line.of["snr"]) if "snr" in line.of else MISSING]
+        cells: list[str | Cell] = [bin_text(line.first), _short(line, "snr")]
         for n in names:
             predicted, ratio = line.of.get(f"predicted_{n}_sigma"), line.of.get(f"{n}_variance_ratio")
             cells += [value_text(predicted) if predicted else MISSING, estimate_text(ratio) if ratio else MISSING]
@@ -324,9 +324,16 @@ def _bin_headline(rows: Sequence[Estimate]) -> Table:
     for line in chosen:
         strong = not (line.first.group or line.first.track_id)
         cells = [line.first.group or line.first.track_id or "all", counts(line), plain_number(line.first.n_eff, 4)]
-        cells += [estimate_text(line.of[q]) if q in line.of else MISSING for q in quantities]
+        cells += [_short(line, q) for q in quantities]
         body.append([Cell(c, strong=strong) for c in cells])
     return Table("The bin in short", head, body, "l" + "r" * (len(head) - 1))
+
+
+def _short(line: Line, quantity: str) -> str:
+    """The estimate with its interval; of the SNR, which needs none here, one decimal."""
+    if quantity not in line.of:
+        return MISSING
+    return f"{line.of[quantity].value:.1f}" if quantity == "snr" else estimate_text(line.of[quantity])
 
 
 def _flag_words(of: Mapping[str, Estimate], present: Sequence[str]) -> list[Block]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from rangeeval.model import Problem, Result, gather
 from rangeeval.reporting.blocks import Block, Cell, Figure, Notice, Paragraph, Section, Table
-from rangeeval.reporting.tables import headline_table, pooled, verdict_table
+from rangeeval.reporting.tables import headline_table, pooled, short_tables, verdict_table
 from rangeeval.reporting.wording import FLAGS
 
 _CANNOT_SEE = (
@@ -27,7 +27,7 @@ def summary_section(results: Sequence[Result], summary_figure: Callable[[Result]
             continue
         if result.analysis == "accuracy":
             blocks.append(Notice(_CANNOT_SEE, "info", "What these numbers cannot see"))
-        blocks.append(headline_table(result, caption=_headline_caption(result), rows=pooled(result)))
+        blocks += short_tables(result, caption=_headline_caption(result), rows=pooled(result), summary=True)
         blocks += [figure] if (figure := summary_figure(result)) else []
     rejected = sum(p.count for p in _problems(results) if p.rejected)
     if rejected:
@@ -38,7 +38,8 @@ def summary_section(results: Sequence[Result], summary_figure: Callable[[Result]
 def _headline_caption(result: Result) -> str:
     confidence = result.settings.get("confidence")
     interval = f", each with its {confidence * 100:g} % interval" if confidence else ""
-    return f"{result.analysis.capitalize()} per bin{interval}; digits follow the interval"
+    place = " per bin" if any(r.variable for r in pooled(result)) else ""
+    return f"{result.analysis.capitalize()}{place}{interval}; digits follow the interval"
 
 
 def verdict_notices(result: Result) -> list[Block]:
