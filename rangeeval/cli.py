@@ -32,8 +32,8 @@ Command = Callable[..., Any]
 def cli() -> None:
     """Post-trial analysis of radar test-range logs: how accurate the radar was, bin by bin, and how sure that is.
 
-    TRIAL is a folder of log files (with or without a trial.toml), or single log files. Logs are recognised by
-    their content. `rangeeval report TRIAL -o DIR` does the whole job.
+    TRIAL is a folder of log files (with or without a trial.toml), single log files, or an archive. Logs are
+    recognised by their content. `rangeeval report TRIAL -o DIR` does the whole job.
     """
 
 
@@ -226,6 +226,54 @@ def check(
     show(one, result, form, output)
     if any(row.extra["verdict"] == "fail" for row in result.rows):
         sys.exit(FAILED)
+
+
+@cli.command()
+@paths
+@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), required=True, help="File to write.")
+@bin_options
+@estimator_option
+def ingest(trial: tuple[Path, ...], output: Path, confidence: float, estimator: str, **bins: Any) -> None:
+    """Archive a trial in one HDF5 file: all logs, settings, source hashes, rejected rows, estimates.
+
+    The file is written whole or not at all. It is accepted wherever a TRIAL is.
+    """
+    from rangeeval import flow
+
+    one = opened(list(trial))
+    plan = flow.Plan(bins=bins_of(one, **bins), confidence=confidence, estimator=estimator)
+    with progress("archiving") as advance:
+        click.echo(flow.ingest(one, output, plan, advance))
+
+
+@cli.command()
+@click.argument("archive", nargs=-1, required=True, type=click.Path(path_type=Path, dir_okay=False))
+@click.option("--format", "form", type=click.Choice(["table", "json"]), default="table", show_default=True)
+def verify(archive: tuple[Path, ...], form: str) -> None:
+    """Check archives: every byte against its SHA-256, the structure, every row of every log, the results.
+
+    Exit status 1 when one is not whole; the others are checked all the same.
+    """
+    import json
+
+    from rangeeval.parsers.archive import verify as checked
+
+    found: list[dict[str, Any]] = []
+    for path in archive:
+        try:
+            found.append(checked(path).as_dict())
+        except RangeevalError as error:
+            found.append({"path": str(path), "whole": False, "reason": str(error)})
+    if form == "json":
+        click.echo(json.dumps(found, allow_nan=False, ensure_ascii=False, indent=1))
+    for item in found:
+        if not item["whole"]:
+            click.echo(f"rangeeval: {one_line(item['reason'], 1000)}", err=True)
+        elif form == "table":
+            held = f"layout {item['layout']}, {item['logs']} logs, {item['rows']:,} rows, {item['sources']} sources"
+            click.echo(f"{one_line(item['path'])}: whole ({held}, SHA-256 {item['sha256']})")
+    if not all(item["whole"] for item in found):
+        sys.exit(1)
 
 
 @cli.command()

@@ -7,7 +7,6 @@ import importlib.metadata
 import json
 import os
 import platform
-import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any
 import rangeeval
 from rangeeval.analyses import all_analyses
 from rangeeval.errors import InputError
+from rangeeval.files import write_whole as _write
 from rangeeval.model import Bins, Result, Trial
 from rangeeval.model.result import without_nan
 from rangeeval.model.settings import Requirement
@@ -135,6 +135,19 @@ def report(
     return write_report(evaluate(trial, plan, progress), directory)
 
 
+def ingest(
+    trial: Trial, path: str | os.PathLike[str], plan: Plan | None = None, progress: Progress | None = None
+) -> Path:
+    """Archive a trial: all its logs, settings, source hashes, and the results of every analysis they allow."""
+    from rangeeval.archives import write_archive
+    from rangeeval.parsers.hashing import sha256_of
+
+    digests = sha256_of(trial.sources)
+    trial = replace(trial, sources=tuple(replace(s, sha256=digests[s.name]) for s in trial.sources))
+    allowed = any(analysis.applies_to(trial) for analysis in all_analyses().values())
+    return write_archive(trial, evaluate(trial, plan, progress) if allowed else [], digests, path, progress)
+
+
 def results_json(results: Iterable[Result]) -> str:
     """Results as `results.json` holds them: a list, with the series of their figures."""
     return json.dumps([r.as_dict(series=True) for r in results], allow_nan=False, ensure_ascii=False)
@@ -149,17 +162,3 @@ def read_results(path: str | os.PathLike[str]) -> list[Result]:
     if not isinstance(data, list) or not data:
         raise InputError(f"{path}: not a list of rangeeval results")
     return [Result.from_dict(item, f"{path}[{i}]") for i, item in enumerate(data)]
-
-
-def _write(path: Path, content: bytes) -> Path:
-    """Write a file whole or not at all: beside it first, then moved into its place."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        os.chmod(name, 0o644)
-        os.replace(name, path)
-    except BaseException:
-        os.unlink(name)
-        raise
-    return path

@@ -122,8 +122,12 @@ def test_settings_are_complete(table: str) -> None:
 
 def _expanded(rows: list[list[str]]) -> dict[str, str]:
     found = {}
-    for name, unit, *_ in rows:
-        for word, values in (("AXIS", ("range", "y", "z")), ("ANGLE", ("elevation", "azimuth"))):
+    for name, unit, *_ in (row for row in rows if row[0] != "Quantity"):
+        for word, values in (
+            ("AXIS", ("range", "y", "z")),
+            ("ANGLE", ("elevation", "azimuth")),
+            ("ROTATION", ("x", "z")),
+        ):
             if word in name:
                 found |= {name.replace(word, value): unit for value in values}
                 break
@@ -138,6 +142,14 @@ def test_quantities_are_complete() -> None:
     given = {row.quantity: row.unit for row in result.rows}
     written = _expanded(_rows("quantities.md", "accuracy"))
     assert {q: u for q, u in written.items() if not q.endswith("_autocovariance")} == given
+
+
+def test_quantities_of_attitude_are_complete() -> None:
+    """Every quantity that attitude gives on the sample is documented with its unit; a misfit needs three sensors."""
+    result = rangeeval.attitude(rangeeval.open_trial(ROOT / "sample_logs" / "attitude"))
+    given = {row.quantity: row.unit for row in result.rows}
+    written = _expanded(_rows("quantities.md", "attitude"))
+    assert {q: u for q, u in written.items() if not q.startswith("height_misfit")} == given
 
 
 def test_columns_are_complete() -> None:

@@ -8,10 +8,10 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "rangeeval"
 
 FLOOR = {
-    "errors": 0, "units": 0, "compiled": 0,
+    "errors": 0, "units": 0, "compiled": 0, "files": 0,
     "stats": 1, "physics": 1, "tracking": 1, "arrays": 1,
     "model": 2,
-    "parsers": 3, "analyses": 3, "reporting": 3, "archive": 3, "compare": 3, "requirements": 3, "scenarios": 3,
+    "parsers": 3, "analyses": 3, "reporting": 3, "archives": 3, "requirements": 3, "scenarios": 3,
     "flow": 4,
     "cli": 5,
 }  # fmt: skip

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import rangeeval
-from rangeeval.scenarios import simulate_alpha_beta
+from rangeeval.scenarios import simulate_alpha_beta, simulate_attitude
 from tests import legacy
 
 SAMPLES = Path(__file__).resolve().parents[1] / "sample_logs"
@@ -21,6 +21,12 @@ def test_inbound_is_made_again_byte_for_byte(tmp_path: Path) -> None:
     """`rangeeval simulate alpha-beta -o sample_logs/inbound --seed 1 --flights 3` gives the same bytes."""
     simulate_alpha_beta(tmp_path, seed=1, flights=3)
     assert _bytes(tmp_path) == _bytes(SAMPLES / "inbound")
+
+
+def test_attitude_is_made_again_byte_for_byte(tmp_path: Path) -> None:
+    """`rangeeval simulate attitude -o sample_logs/attitude --seed 1` gives the same bytes."""
+    simulate_attitude(tmp_path, seed=1)
+    assert _bytes(tmp_path) == _bytes(SAMPLES / "attitude")
 
 
 def test_legacy_is_made_again_byte_for_byte(tmp_path: Path) -> None:

@@ -14,13 +14,17 @@ from rangeeval.model.table import Log, Problem, log_of
 
 @dataclass(frozen=True)
 class Source:
-    """A file that was read: its name inside the trial, where it is, what it was recognised as, and its size."""
+    """A file that was read: its name inside the trial, where it is, what it was recognised as, and its size.
+
+    `sha256` is empty until someone asks, unless an archive recorded it when the file was at hand.
+    """
 
     name: str
     path: str
     format: str
     kind: str
     size: int
+    sha256: str = ""
 
 
 @dataclass(frozen=True)

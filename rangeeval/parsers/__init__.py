@@ -11,7 +11,7 @@ from pathlib import Path
 from rangeeval.errors import InputError, one_line
 from rangeeval.model import Log, Problem, Source, Trial, TrialSettings
 from rangeeval.model.settings import LogSettings
-from rangeeval.parsers import hdf5, numpy_files, parquet, text
+from rangeeval.parsers import archive, hdf5, numpy_files, parquet, text
 from rangeeval.parsers.blocks import Contents, SourceFile
 from rangeeval.parsers.hashing import sha256_of
 from rangeeval.parsers.settings import FILE, file_of, read_settings
@@ -51,7 +51,7 @@ def formats() -> Mapping[str, Format]:
 def open_trial(
     paths: str | os.PathLike[str] | Iterable[str | os.PathLike[str]], *, settings: TrialSettings | None = None
 ) -> Trial:
-    """Open a trial: a folder of logs, or one or several log files. Rows are read later, piece by piece.
+    """Open a trial: a folder of logs, one or several log files, or an archive. Rows are read later, piece by piece.
 
     Of a folder, its own files are read and those that `[[logs]]` of its `trial.toml` names; subfolders are not
     searched. `settings` replaces `trial.toml`. Raises InputError or SettingsError for what cannot be used.
@@ -67,6 +67,11 @@ def open_trial(
         raise InputError(f"give one trial folder or log files, not {one_line(folders[0])} and others together")
     if folders:
         return _folder(folders[0], settings)
+    archives = [path for path in chosen if path.is_file() and archive.is_archive(path)]
+    if archives and len(chosen) > 1:
+        raise InputError(f"{one_line(archives[0])} is the archive of a whole trial; give it alone")
+    if archives:
+        return archive.open_archive(archives[0], settings)
     named = [path for path in chosen if path.name == FILE]
     if named and settings is None:
         settings = read_settings(named[0])
@@ -145,6 +150,8 @@ def _read(file: SourceFile, known: Mapping[str, Format]) -> tuple[str, Contents]
         return "", Contents(unrecognised="the file is empty")
     if head.lstrip(b"\xef\xbb\xbf \t\r\n").lower().startswith(_NOT_LOGS) and file.settings is None:
         return "", Contents()
+    if archive.recognises(head):
+        return "", Contents(unrecognised="it is the archive of a whole trial, to be read by itself")
     for format_name, entry in known.items():
         if entry.recognises(head, file.path):
             return format_name, entry.read(file)

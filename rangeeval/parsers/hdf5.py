@@ -69,7 +69,7 @@ def read(file: SourceFile) -> Contents:
     return Contents(tuple(logs), tuple(problems))
 
 
-def _open(h5py: Any, path: str | Path, **options: Any) -> Any:
+def open_file(h5py: Any, path: str | Path, **options: Any) -> Any:
     """The file, also where it lies on a share without locks; HDF5 wants the same answer of all who have it open."""
     try:
         return h5py.File(path, "r", **options)
@@ -91,7 +91,7 @@ def _reader(path: Path, where: str, table: dict[str, Any], usable: list[dict[str
         if chunk_bytes and sum(chunk_bytes) <= _CACHE_BYTES:
             options = {"rdcc_nbytes": max(1 << 20, *chunk_bytes), "rdcc_nslots": 101, "rdcc_w0": 1.0}
         try:
-            with _open(h5py, path, **options) as f:
+            with open_file(h5py, path, **options) as f:
                 read_piece = _table_pieces(f, table, wanted) if table["form"] != "group" else _piece(f, wanted)
                 for start in range(0, rows, CHUNK_ROWS):
                     stop = min(rows, start + CHUNK_ROWS)
@@ -153,7 +153,7 @@ def audit(path: str) -> dict[str, Any]:
     import h5py
 
     try:
-        file = _open(h5py, path)
+        file = open_file(h5py, path)
     except OSError as error:
         text = str(error)
         if "truncated" in text:

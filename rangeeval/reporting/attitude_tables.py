@@ -53,7 +53,7 @@ def of_trial(result: Result) -> dict[str, Estimate]:
 
 
 def short_tables(result: Result, caption: str, *, summary: bool = False) -> list[Table]:
-    """What a terminal shows: the motion, and the pointing error by bin where a target was there; a summary the motion."""
+    """What a terminal shows: the motion, and the pointing error by bin if there was a target; a summary: the motion."""
     return [motion_table(result, caption, short=summary), *([] if summary else error_tables(result))]
 
 

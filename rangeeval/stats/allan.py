@@ -35,7 +35,7 @@ def allan_deviation(values: ArrayLike, averaging: Sequence[int] | NDArray[np.int
 
 
 def averaging_lengths(n: int, points: int = 40) -> NDArray[np.int64]:
-    """Averaging lengths from one sample to a ninth of n (beyond that too few averages remain), evenly in the logarithm."""
+    """Averaging lengths from one sample to a ninth of n (beyond: too few averages), evenly in the logarithm."""
     if n < 9:
         return np.empty(0, np.int64)
     return np.unique(np.geomspace(1, n // 9, points).astype(np.int64))
@@ -51,3 +51,21 @@ def allan_interval_freedom(n: int, m: int) -> float:
     """
     phases = n + 1
     return float((3 * (phases - 1) / (2 * m) - 2 * (phases - 2) / phases) * 4 * m**2 / (4 * m**2 + 5))
+
+
+def steady_stretch(values: ArrayLike, sigma: float, window: int, tolerance: float = 1.5) -> slice:
+    """The longest stretch of evenly spaced samples (n) that hold no more than noise of `sigma`.
+
+    The samples are looked at in windows of `window`; a window is steady when all its samples are there and their
+    standard deviation is at most `tolerance` times `sigma`. An empty slice when no window is.
+    """
+    x = np.asarray(values, dtype=np.float64)
+    count = x.size // window
+    parts = x[: count * window].reshape(count, window)
+    steady = parts.std(axis=1) <= tolerance * sigma  # NaN is not
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], steady, [False]]).astype(np.int8)))
+    starts, stops = edges[::2], edges[1::2]
+    if not starts.size:
+        return slice(0, 0)
+    best = int(np.argmax(stops - starts))
+    return slice(int(starts[best]) * window, int(stops[best]) * window)

@@ -101,6 +101,21 @@ class ChannelWatch:
         return marks
 
     @property
+    def seen(self) -> int:
+        """How many samples had a value."""
+        return int(self.state[_N])
+
+    @property
+    def highest(self) -> float:
+        """The highest value so far."""
+        return float(self.state[_HIGH])
+
+    @property
+    def lowest(self) -> float:
+        """The lowest value so far."""
+        return float(self.state[_LOW])
+
+    @property
     def saturated(self) -> int:
         """How many samples stand at a ceiling or floor: 0 unless its value comes in runs and piles up there."""
         s = self.state
@@ -125,7 +140,7 @@ class Blocks:
     """
 
     channels: int
-    limit: int = 262_144
+    limit: int = 131_072
     size: int = 1
     _done: list[FloatArray] = field(default_factory=list)
     _stretch: list[NDArray[np.int64]] = field(default_factory=list)

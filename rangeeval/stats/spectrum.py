@@ -71,27 +71,30 @@ def sine_fit(time_s: ArrayLike, values: ArrayLike, frequency_hz: float) -> SineF
     """
     t, x = np.asarray(time_s, dtype=np.float64), np.asarray(values, dtype=np.float64)
     use = np.isfinite(x) & np.isfinite(t)
-    t, x = t[use], x[use]
+    if not use.all():
+        t, x = t[use], x[use]
     if x.size < 3:
         raise ValueError(f"{x.size} samples; a sine has three parameters")
     w = 2 * np.pi * frequency_hz
     middle = 0.5 * (t[0] + t[-1])  # far from zero the columns would be as good, the phase would lose digits
-    s, c = np.sin(w * (t - middle)), np.cos(w * (t - middle))
+    angle = w * (t - middle)
+    s, c = np.sin(angle), np.cos(angle)
     mean = x.mean()
-    design = np.column_stack([s, c, np.ones_like(t)])
-    normal = design.T @ design
-    (a, b, offset), *_ = np.linalg.lstsq(design, x - mean, rcond=None)
-    rest = x - mean - design @ (a, b, offset)
-    left = float(rest @ rest)
+    y = x - mean
+    sums = (s @ c, s.sum(), c.sum())
+    normal = np.array([[s @ s, sums[0], sums[1]], [sums[0], c @ c, sums[2]], [sums[1], sums[2], x.size]])
+    (a, b, offset), *_ = np.linalg.lstsq(normal, np.array([s @ y, c @ y, y.sum()]), rcond=None)
+    y -= a * s
+    y -= b * c
+    y -= offset
+    left = float(y @ y)
     amplitude = float(np.hypot(a, b))
     phase = float(np.mod(np.arctan2(b, a) - w * middle + np.pi, 2 * np.pi) - np.pi)
     variance = left / max(x.size - 3, 1)
     try:
         covariance = np.linalg.inv(normal) * variance
-        offset_error, amplitude_error = (
-            float(np.sqrt(covariance[2, 2])),
-            float(np.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1]))),
-        )
+        offset_error = float(np.sqrt(covariance[2, 2]))
+        amplitude_error = float(np.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1])))
     except np.linalg.LinAlgError:
         offset_error = amplitude_error = float("nan")
     return SineFit(mean + float(offset), amplitude, phase, left, x.size, frequency_hz, offset_error, amplitude_error)

@@ -109,6 +109,26 @@ def test_report_errors_over_the_path_are_the_published_ones(case, expected):
         assert math.degrees(found["azimuth_error_peak"].value) == pytest.approx(3.04, abs=0.015)
 
 
+def test_the_noise_of_the_pair_is_taken_off_the_errors_judged_by_it():
+    """A pair of six times the noise (5 and 4 m) still gives the errors of no attitude and one accelerometer, not 6 % more."""
+    columns = readings(TIME, {"upper": 5.0, "lower": 4.0}, seed=6)
+    result = attitude(made(columns, settings={"radius_lower_m": 4.0}, truth=path(TIME)), ALL)
+    for method, expected in (("none", 1.79), ("single", 2.58)):
+        row = rows(result, group=method)["elevation_error_rms"]
+        assert math.degrees(row.value) == pytest.approx(expected, rel=0.025)
+
+
+def test_a_gap_in_one_of_two_logs_is_a_gap():
+    """Where the second log is silent its sensor is missing: no attitude there, and none is drawn across."""
+    upper = readings(TIME, {"upper": 5.0}, noise=0.0)
+    keep = (TIME < 150) | (TIME > 162)
+    lower = {k: v[keep] for k, v in readings(TIME, {"lower": 1.0}, noise=0.0).items()}
+    seen = np.arange(0.0, 330.0, 0.47)
+    row = rows(attitude(made(upper, lower, truth=path(seen)), ALL), group="none")["elevation_error_rms"]
+    assert row.n == np.count_nonzero((seen <= 149.9) | (seen >= 162.1))
+    assert "no-attitude" in row.flags
+
+
 def test_the_grid_of_figure_3_is_what_an_analysis_of_each_cell_finds():
     """A noise-free record of every third cell of the grid gives back the printed peak error."""
     for i, amplitude in enumerate((0.2, 0.6, 1.0)):
@@ -148,8 +168,11 @@ def test_a_long_fast_record_is_held_in_blocks_and_says_the_same():
     """400 000 samples at 1 kHz are reduced to blocks; tilt, amplitude and frequency are found none the worse."""
     time = np.arange(400_000) / 1000.0
     result = attitude(made(readings(time, {"upper": 5.0, "lower": 1.0})))
+    slow = np.arange(400_000) / 50.0  # blocks of 0.08 s would take half a percent off the amplitude
+    coarse = rows(attitude(made(readings(slow, {"upper": 5.0, "lower": 1.0}))))["single_error_peak_z"]
+    assert math.degrees(coarse.value) == pytest.approx(3.873, rel=1e-3)
     found = rows(result)
-    assert result.settings["block"] == 2
+    assert result.settings["block"] == 4
     assert found["frequency_z"].value == pytest.approx(0.8, abs=2e-6)
     assert math.degrees(found["static_x"].value) == pytest.approx(3.0, abs=0.001)
     assert math.degrees(found["single_error_peak_z"].value) == pytest.approx(3.873, rel=2e-3)
@@ -227,6 +250,27 @@ def test_a_radar_at_rest_has_a_limit_and_an_allan_deviation():
     tau, deviation = result.series["x/allan"]["tau_s"], result.series["x/allan"]["deviation"]
     assert deviation[0] == pytest.approx(math.radians(0.12755), rel=0.05)
     assert deviation[10] == pytest.approx(deviation[0] * (tau[0] / tau[10]) ** 0.5, rel=0.15)
+
+
+def test_the_allan_deviation_is_that_of_the_stretch_at_rest():
+    """A radar that rests for 100 s and then rocks: the deviation is of the rest alone, and there is none without a rest."""
+
+    def then_rocks(time):
+        x, z, x_dd, z_dd = table_1_attitude(time)
+        still = time < 100.0
+        return (
+            np.where(still, math.radians(3.0), x), np.where(still, math.radians(2.0), z),
+            np.where(still, 0.0, x_dd), np.where(still, 0.0, z_dd),
+        )  # fmt: skip
+
+    radii = {"upper": 5.0, "lower": 1.0}
+    data = attitude(made(readings(TIME, radii, motion=then_rocks))).series["z/allan"]
+    assert 90.0 < 9.0 * data["tau_s"][-1] < 101.0
+    assert data["deviation"][0] == pytest.approx(math.radians(0.12755), rel=0.06)
+    assert data["deviation"][10] == pytest.approx(
+        data["deviation"][0] * (data["tau_s"][0] / data["tau_s"][10]) ** 0.5, rel=0.3
+    )
+    assert "z/allan" not in attitude(made(readings(TIME, radii))).series
 
 
 def test_an_oscillation_that_grows_is_called_varying_and_judged_where_it_is_largest():

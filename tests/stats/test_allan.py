@@ -1,7 +1,13 @@
 import numpy as np
 import pytest
 
-from rangeeval.stats.allan import BIAS_INSTABILITY, allan_deviation, allan_interval_freedom, averaging_lengths
+from rangeeval.stats.allan import (
+    BIAS_INSTABILITY,
+    allan_deviation,
+    allan_interval_freedom,
+    averaging_lengths,
+    steady_stretch,
+)
 
 
 def plain(x, m):
@@ -40,3 +46,14 @@ def test_degrees_of_freedom_are_the_scatter_of_repeated_records():
         squares = np.array([allan_deviation(rng.standard_normal(300), [m])[0] ** 2 for _ in range(2000)])
         seen = 2 * squares.mean() ** 2 / squares.var()
         assert allan_interval_freedom(300, m) == pytest.approx(seen, rel=0.15)
+
+
+def test_the_steady_stretch_is_the_longest_without_motion_or_gap():
+    """Noise between two oscillations, broken by a missing sample: the longer side of the break, in whole windows."""
+    x = np.random.default_rng(1).standard_normal(3000)
+    x[:500] += 10 * np.sin(np.arange(500))
+    x[2500:] += 10 * np.sin(np.arange(500))
+    x[1010] = np.nan
+    found = steady_stretch(x, 1.0, 50)
+    assert (found.start, found.stop) == (1050, 2500)
+    assert steady_stretch(x * 10, 1.0, 50) == slice(0, 0)

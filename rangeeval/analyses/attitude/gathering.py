@@ -110,11 +110,12 @@ def shares(at: Array, time: Array, values: Array, gap: float) -> tuple[Array, Ar
     right = np.clip(np.searchsorted(time, at), 1, time.size - 1)
     left = right - 1
     step = time[right] - time[left]
+    on_right, on_left = at == time[right], at == time[left]  # a sample is itself, even at the edge of a gap
     inside = (at >= time[0]) & (at <= time[-1]) & (step <= gap) & (step > 0)
-    share = np.where(inside, (at - time[left]) / np.where(step > 0, step, 1.0), 0.0)
-    exact = [share == 0.0, share == 1.0]
+    share = np.where(on_right, 1.0, np.where(inside & ~on_left, (at - time[left]) / np.where(step > 0, step, 1.0), 0.0))
     found = values[:, left] * (1 - share) + values[:, right] * share
-    found = np.where(exact[0], values[:, left], np.where(exact[1], values[:, right], found))
+    found = np.where(on_right, values[:, right], np.where(on_left, values[:, left], found))
+    inside |= on_right | on_left
     return np.where(inside, found, np.nan), share**2 + (1 - share) ** 2
 
 
@@ -215,7 +216,7 @@ class _Pass:
         return time, values
 
     def _check_unit(self, table: Table, values: Array) -> None:
-        """Judge the unit by the mean magnitude: of the whole vector where the vertical is logged, else of the readings."""
+        """Judge the unit by the mean magnitude: of the vector where the vertical is logged, else of the readings."""
         g, log = self.setup.gravity, self.setup.logs[0]
         with np.errstate(invalid="ignore"):
             for sensor in dict.fromkeys(c.sensor for c in self.setup.channels if c.log == 0):
@@ -301,12 +302,16 @@ class _Pass:
             stuck = watch.look(values[k])
             if stuck.any():
                 values[k, stuck] = np.nan
-            with np.errstate(invalid="ignore"):
-                self.beyond_channel[k] += int(np.count_nonzero(np.abs(values[k]) > g))
-            self.usable[k] += int(np.count_nonzero(np.isfinite(values[k])))
+            if watch.highest > g or watch.lowest < -g:
+                with np.errstate(invalid="ignore"):
+                    self.beyond_channel[k] += int(np.count_nonzero(np.abs(values[k]) > g))
+            self.usable[k] = watch.seen - watch.stuck
         for axis, weights in self.centre.items():
-            with np.errstate(invalid="ignore"):
-                self.beyond[axis] += int(np.count_nonzero(np.abs(weights @ values[self.setup.of_axis(axis)]) > g))
+            rows = self.setup.of_axis(axis)
+            centre = weights @ values[rows[0] : rows[-1] + 1]
+            if centre.size and (np.fmax.reduce(centre) > g or np.fmin.reduce(centre) < -g):
+                with np.errstate(invalid="ignore"):
+                    self.beyond[axis] += int(np.count_nonzero(np.abs(centre) > g))
 
     def _stretch(self, time: Array, values: Array) -> None:
         self.blocks.add(np.concatenate([time[None], values]))
@@ -398,10 +403,8 @@ class _Pass:
             )
             say(Problem(source, text, 0, shown))
         for k, (c, watch) in enumerate(zip(self.setup.channels, self.watches, strict=True)):
-            if watch.constant and watch.state[10] > 20:
-                raise InputError(
-                    f"{source}: {c.column} never changes over {int(watch.state[10])} samples: the sensor is stuck"
-                )
+            if watch.constant and watch.seen > 20:
+                raise InputError(f"{source}: {c.column} never changes over {watch.seen} samples: the sensor is stuck")
             if watch.stuck:
                 text = f"{c.column} stands still for over {watch.longest} samples: stuck, taken as missing"
                 say(Problem(source, text, watch.stuck, rejected=True))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import gammaincinv, stdtrit
 
 from rangeeval.analyses.attitude.gathering import Gathered
 from rangeeval.analyses.attitude.setup import Setup, positions_of
@@ -36,7 +36,7 @@ class Measured:
         """Two-sided interval, Student's t."""
         if not (math.isfinite(self.value) and math.isfinite(self.error) and self.freedom > 0):
             return math.nan, math.nan
-        half = float(stats.t.ppf(0.5 + confidence / 2, min(self.freedom, 1e9))) * self.error
+        half = float(stdtrit(min(self.freedom, 1e9), 0.5 + confidence / 2)) * self.error
         return self.value - half, self.value + half
 
 
@@ -95,20 +95,21 @@ def motion_of(axis: str, setup: Setup, gathered: Gathered, other_tilt: Array | N
     g = setup.gravity * (np.cos(other_tilt) if other_tilt is not None else 1.0)
     g = np.where(np.isfinite(g), g, setup.gravity)
     flags: list[str] = []
-    # The axis as each single channel shows it: enough to find the oscillation, before any radius is needed.
-    found = _oscillation(gathered, list(forces))
     radii = _surveyed(setup, axis)
+    heights = height_weights(radii.values) if radii and len(sensors) > 1 else None
+    # Each channel shows the oscillation before any radius is needed; the angular acceleration where the channels' tilt
+    # and swing cancel.
+    found = _oscillation(gathered, [*forces, heights.slope @ forces] if heights is not None else list(forces))
     calibrated = _calibrated(setup, axis, gathered, forces, found)
     if radii is None and calibrated is not None and len(sensors) > 1:
         radii = calibrated
         flags.append("calibrated")
-    heights = height_weights(radii.values) if radii and len(sensors) > 1 else None
+        heights = height_weights(radii.values)
     single_sensor = setup.single if setup.single in sensors else sensors[0]
     force_single = forces[sensors.index(single_sensor)]
     single = tilt(force_single, g)
     if heights is not None:
         centre, slope = heights.centre @ forces, heights.slope @ forces
-        found = _oscillation(gathered, [*forces, centre, slope])
         alpha = tilt(centre, g)
     else:
         centre, slope, alpha = force_single, None, single
@@ -196,7 +197,7 @@ class _Fitted:
 def _fits(
     axis: str, gathered: Gathered, alpha: Array, slope: Array | None, found: _Oscillation, flags: list[str]
 ) -> _Fitted:
-    """Sine fits over segments of at least `CYCLES` cycles: scatter between segments carries wander into the intervals."""
+    """Sine fits over segments of `CYCLES` cycles or more: their scatter carries wander into the intervals."""
     t = gathered.time_s
     n = int(np.isfinite(alpha).sum())
     extra: list[str] = []
@@ -219,6 +220,7 @@ def _fits(
         acceleration, faster = _amplitude(turned, n)
         varies = varies or faster
         largest = max(x.amplitude for x in turned) if varies else acceleration.value
+    dynamic, acceleration, largest = _unblocked(gathered, f, dynamic, acceleration, largest)
     frequency_error_hz = found.error_hz
     if varies:
         extra.append("amplitude-varies")
@@ -232,6 +234,18 @@ def _fits(
             frequency_error_hz = max(frequency_error_hz, float(np.std(each, ddof=1)) / math.sqrt(len(each)))
     frequency = Measured(f, frequency_error_hz, math.inf, float(n))
     return _Fitted(frequency, static, dynamic, acceleration, largest, tuple(extra), math.nan, ())
+
+
+def _unblocked(
+    gathered: Gathered, f: float, dynamic: Measured, acceleration: Measured, largest: float
+) -> tuple[Measured, Measured, float]:
+    """Amplitudes with what block means take off them given back: sin(pi f B dt) / (B sin(pi f dt))."""
+    if gathered.block == 1:
+        return dynamic, acceleration, largest
+    x = math.pi * f * gathered.interval_s
+    gain = gathered.block * math.sin(x) / math.sin(gathered.block * x)
+    back = [replace(m, value=m.value * gain, error=m.error * gain) for m in (dynamic, acceleration)]
+    return back[0], back[1], largest * gain
 
 
 def _at_rest(gathered: Gathered, alpha: Array, n: int) -> _Fitted:
@@ -283,7 +297,9 @@ def _amplitude(fits: Sequence[SineFit], n: int) -> tuple[Measured, bool]:
     if len(fits) > 1 and (noise > 0).all():
         chi = float(np.sum((amplitudes - amplitudes.mean()) ** 2 / noise**2))
         # Noise-free records differ in the last digit: what does not matter is not called varying.
-        varies = chi > stats.chi2.ppf(1 - CHANCE, len(fits) - 1) and float(np.ptp(amplitudes)) > 0.02 * root
+        varies = (
+            bool(chi > 2 * gammaincinv((len(fits) - 1) / 2, 1 - CHANCE)) and float(np.ptp(amplitudes)) > 0.02 * root
+        )
     return Measured(root, mean.error / (2 * root), mean.freedom, mean.n_eff), varies
 
 
@@ -435,7 +451,7 @@ def _skew(gathered: Gathered, forces: Array, found: _Oscillation) -> Measured:
 
 
 def _misfit(gathered: Gathered, radii: Radii, forces: Array, found: _Oscillation) -> Measured:
-    """Amplitude (m/s^2) of what three and more sensors read beside a straight line over radii: zero for a rigid body."""
+    """Amplitude (m/s^2) of what three sensors or more read off a straight line over radii: zero for a rigid body."""
     if not math.isfinite(found.frequency_hz):
         return NOTHING
     r = np.asarray(radii.values)

@@ -1,4 +1,4 @@
-"""From the motions to the estimates of the whole trial: tilt, oscillation, noise, the error of each method, the budget."""
+"""From the motions to the estimates of the whole trial: tilt, oscillation, noise, errors by method, the budget."""
 
 from __future__ import annotations
 

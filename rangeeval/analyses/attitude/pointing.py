@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import stdtrit
 
 from rangeeval.analyses.attitude.gathering import Gathered
 from rangeeval.analyses.attitude.motion import Motion
@@ -205,7 +205,7 @@ def root_mean_square(error: Array, noise: float, confidence: float) -> tuple[flo
     long_run = max(n * newey_west(square), white)
     spread = math.sqrt(long_run / n)
     n_eff = n * white / long_run if long_run > 0 else float(n)
-    half = float(stats.t.ppf(0.5 + confidence / 2, max(n_eff - 1, 1.0))) * spread
+    half = float(stdtrit(max(n_eff - 1, 1.0), 0.5 + confidence / 2)) * spread
     high = math.sqrt(max(mean + half, 0.0))
     if mean <= 0:
         return math.nan, 0.0, high, n_eff, True

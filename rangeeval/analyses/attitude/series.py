@@ -7,13 +7,13 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import gammaincinv
 
 from rangeeval.analyses.attitude.gathering import Gathered
 from rangeeval.analyses.attitude.motion import Motion
 from rangeeval.analyses.attitude.pointing import Pointing
 from rangeeval.analyses.attitude.setup import Setup
-from rangeeval.stats.allan import allan_deviation, allan_interval_freedom, averaging_lengths
+from rangeeval.stats.allan import allan_deviation, allan_interval_freedom, averaging_lengths, steady_stretch
 from rangeeval.stats.reduce import thin
 
 Array = NDArray[np.float64]
@@ -54,7 +54,7 @@ def motion_series(motion: Motion, setup: Setup, gathered: Gathered) -> dict[str,
                 table["frequency"], spectra.coherence(0, spectra.channels - 1)[1:-1], mean=True
             )[1].tolist()
         series[f"{a}/spectrum"] = kept
-    if motion.static_segments and motion.heights is not None:
+    if motion.heights is not None:
         series |= _allan(motion, gathered)
     return series
 
@@ -103,7 +103,7 @@ def _close(motion: Motion, gathered: Gathered) -> Columns:
 
 
 def _by_decade(frequency: Array, density: Array, lines: int = 500, *, mean: bool = False) -> tuple[Array, Array]:
-    """At most about `lines` lines, evenly in the logarithm of frequency; the highest of those joined (or their mean)."""
+    """At most about `lines` lines, evenly in the logarithm of frequency: the highest of those joined, or the mean."""
     if frequency.size <= lines:
         return frequency, density
     edges = np.unique(np.searchsorted(frequency, np.geomspace(frequency[0], frequency[-1], lines)))
@@ -113,19 +113,29 @@ def _by_decade(frequency: Array, density: Array, lines: int = 500, *, mean: bool
     return np.add.reduceat(frequency, edges) / count, joined
 
 
+def _at_rest(motion: Motion, gathered: Gathered, step: float) -> Array:
+    """The longest stretch of the record in which the radar did not move: all of it, or where only noise is left."""
+    if motion.static_segments:
+        pieces = [motion.alpha[a:b] for a, b in motion.static_segments]
+        whole = [w for v in pieces for w in np.split(v, np.flatnonzero(~np.isfinite(v)))]
+        return max((w[np.isfinite(w)] for w in whole), key=lambda v: v.size)
+    cycles = 2.0 / (motion.frequency.value * step) if math.isfinite(motion.frequency.value) else 0.0
+    window = max(math.ceil(cycles), 16)
+    parts = np.split(motion.alpha, np.flatnonzero(np.diff(gathered.stretch)) + 1)
+    sigma = motion.pair_sigma / math.sqrt(gathered.block)
+    return max((part[steady_stretch(part, sigma, window)] for part in parts), key=lambda v: v.size)
+
+
 def _allan(motion: Motion, gathered: Gathered) -> dict[str, Columns]:
     step = gathered.interval_s * gathered.block
-    pieces = [motion.alpha[a:b] for a, b in motion.static_segments]
-    values = max(pieces, key=lambda v: v.size)
-    whole = np.split(values, np.flatnonzero(~np.isfinite(values)))
-    values = max((w[np.isfinite(w)] for w in whole), key=lambda v: v.size)
+    values = _at_rest(motion, gathered, step)
     lengths = averaging_lengths(values.size)
     if lengths.size < 3:
         return {}
     deviation = allan_deviation(values, lengths)
     freedom = np.array([max(allan_interval_freedom(values.size, int(m)), 1.0) for m in lengths])
-    low = deviation * np.sqrt(freedom / stats.chi2.ppf(0.975, freedom))
-    high = deviation * np.sqrt(freedom / stats.chi2.ppf(0.025, freedom))
+    low = deviation * np.sqrt(freedom / (2 * gammaincinv(freedom / 2, 0.975)))
+    high = deviation * np.sqrt(freedom / (2 * gammaincinv(freedom / 2, 0.025)))
     return {
         f"{motion.axis}/allan": {
             "tau_s": (lengths * step).tolist(), "deviation": deviation.tolist(),

@@ -249,8 +249,8 @@ def _pointing(result: Result) -> list[Block]:
             "be carried on to azimuth and elevation.", "info",
         )]  # fmt: skip
     blocks: list[Block] = []
-    figures = [f for f in (_along_path(result), _by_bin(result)) if f is not None]
-    blocks += figures
+    along = _along_path(result)  # the figure by bin stands on the summary
+    blocks += [along] if along is not None else []
     blocks += error_tables(result)
     blocks.append(_forms(result))
     return blocks
