@@ -56,7 +56,8 @@ FLAGS = {
     "lower-limit": "Nothing bounds the RCS from above (only hits without amplitude): no estimate, only a lower limit.",
     "poor-fit": "Amplitudes or number of detections do not fit the fluctuation model (bootstrap p below 0.01).",
     "case-not-distinguishable": (
-        "The looks do not tell the Swerling cases apart: the interval holds those of every case within 2 of the best AIC."
+        "The looks do not tell the Swerling cases apart: the interval holds those of every case within 2 of the best "
+        "AIC."
     ),
     "rcs-varies": "One mean RCS does not fit all bins: RCS changes with aspect, or the loss model is wrong.",
 }

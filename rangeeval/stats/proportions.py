@@ -29,7 +29,7 @@ def wilson_interval(k: ArrayLike, n: ArrayLike, confidence: float = 0.95) -> tup
 
 
 def exact_interval(k: ArrayLike, n: ArrayLike, confidence: float = 0.95) -> tuple[Floats, Floats]:
-    """The interval of Clopper and Pearson (1934), Biometrika 26: never covers less than it says; (0, 1) where n is 0."""
+    """The interval of Clopper and Pearson (1934), Biometrika 26: never covers too little; (0, 1) where n is 0."""
     hits, trials = np.asarray(k, np.float64), np.asarray(n, np.float64)
     tail = (1.0 - confidence) / 2.0
     low = np.where(hits > 0, betaincinv(np.maximum(hits, 1.0), trials - hits + 1.0, tail), 0.0)

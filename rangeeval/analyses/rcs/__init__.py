@@ -173,7 +173,7 @@ def rcs(
         problems=tuple(problems),
         series=_series(
             gathered, binned, windows, all_fits, fits, cases, chosen, law, model_s, slid, confidence, own.fold_aspect
-        ),  # fmt: skip
+        ),
     )
 
 
@@ -283,7 +283,7 @@ def _target_rows(
     gathered: Gathered, bins: Bins, fold: bool, how: Method, chosen: str, among: tuple[str, ...]
 ) -> list[Estimate]:
     """Detection probability and RCS of each target, over the trial and in each bin."""
-    rows = []
+    rows: list[Estimate] = []
     for code, name in enumerate(gathered.targets):
         mine = gathered.take(gathered.target == code)
         if not len(mine.looks):

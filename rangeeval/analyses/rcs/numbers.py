@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-
 from rangeeval.model import Bins, Estimate
 from rangeeval.stats.proportions import exact_interval, wilson_interval
 from rangeeval.stats.swerling import CASES, MISS, Case, Looks, Windows

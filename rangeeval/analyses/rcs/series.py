@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ def sliding_series(time_s: Floats, s: Floats, low: Floats, high: Floats, hits: N
         edges = np.linspace(0, n, POINTS // 2 + 1).astype(int)
         finite = np.where(np.isfinite(s), s, 0.0)
         ends = [(a + int(np.argmin(finite[a:b])), a + int(np.argmax(finite[a:b])))
-                for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a]  # fmt: skip
+                for a, b in pairwise(edges) if b > a]  # fmt: skip
         keep = np.unique(np.array(ends).reshape(-1))
     return {
         "time_s": time_s[keep].tolist(),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 from rangeeval.model import Estimate, Result
 from rangeeval.reporting.blocks import Block, Cell, Figure, Mark, Notice, Panel, Paragraph, Section, Table
@@ -182,7 +183,8 @@ def _overview(result: Result) -> list[Block]:
         ))  # fmt: skip
     if s.get("calibration_db"):
         blocks.append(Notice(
-            f"The calibration of the radar (standard error {s['calibration_db']:g} dB) is common to every RCS here and in "
+            f"The calibration of the radar (standard error {s['calibration_db']:g} dB) is common to every RCS here "
+            f"and in "
             "none of the intervals.", "info", "Calibration",
         ))  # fmt: skip
     blocks.append(rcs_table(result, f"Every bin, with {s['confidence'] * 100:g} % intervals"))
@@ -275,7 +277,7 @@ def _fit(result: Result) -> list[Block]:
     bars = result.series.get("amplitudes")
     if bars:
         edges = [float(v) for v in bars["low_db"]] + [float(bars["high_db"][-1])]
-        centres = [0.5 * (a + b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        centres = [0.5 * (a + b) for a, b in pairwise(edges)]
         marks = [Mark("bars", edges, [float(v) for v in bars["count"]], label="detected", role="measured")]
         for number, case in enumerate(s["cases"], start=2):
             fitted = result.series.get(f"amplitudes/{case}")
@@ -296,7 +298,8 @@ def _fit(result: Result) -> list[Block]:
         shape = _whole(result, "swerling_shape")
         if shape is not None:
             blocks.append(Paragraph(
-                f"With a free shape the best is K = {plain_number(shape.value, 3)} (Swerling 1: 1, Swerling 3: 2, steady: "
+                f"With a free shape the best is K = {plain_number(shape.value, 3)} (Swerling 1: 1, Swerling 3: 2, "
+                f"steady: "
                 "beyond reach)."
             ))  # fmt: skip
     tested = [q for q, _ in _TESTS if _whole(result, q) is not None]
@@ -331,18 +334,21 @@ def _method(result: Result) -> list[Block]:
     gain = f" The loop gain is {in_shown_unit(s['loop_gain_db'], 'dB')}." if s.get("loop_gain_db") is not None else ""
     return [
         Paragraph(
-            f"Estimator: {_METHODS.get(str(s['method']), str(s['method']))}. A detection contributes the density of its "
+            f"Estimator: {_METHODS.get(str(s['method']), str(s['method']))}. A detection contributes the density of "
+            f"its "
             "amplitude, a miss the probability that the echo stayed below the threshold of its own look, both for the "
             "mean SNR that the RCS would give there. Leaving misses out would bias the RCS upward where few looks are "
             "detected."
         ),
         Paragraph(
-            f"Amplitudes were read as {amplitude} (set by [detections] in trial.toml).{gain} An error of x dB in the SNR "
+            f"Amplitudes were read as {amplitude} (set by [detections] in trial.toml).{gain} An error of x dB in the "
+            f"SNR "
             "of 1 m² is an error of -x dB in every RCS."
         ),
         Paragraph(
             "Intervals: profile likelihood. Where nothing was detected the number is a one-sided upper limit, where "
-            "nothing bounds the RCS from above a lower limit. The case is chosen over the whole trial, never in a bin; where "
+            "nothing bounds the RCS from above a lower limit. The case is chosen over the whole trial, never in a "
+            "bin; where "
             "cases are not distinguishable the interval holds those of each of them."
         ),
         Paragraph(

@@ -4,6 +4,8 @@ The mean RCS is estimated from the same looks, so tabled p-values of Kolmogorov-
 far too large; all p-values of fit come from a parametric bootstrap.
 """
 
+# mypy: disable-error-code="call-arg"
+# (kernels take what `arguments` packs: their number is numba\'s to check)
 from __future__ import annotations
 
 import math

@@ -5,6 +5,8 @@ the score's sign; where the likelihood may have several maxima (the alphas of a 
 alarms mixed in, a score that is not positive at s = 0) every one is found from a grid and the highest taken.
 """
 
+# mypy: disable-error-code="call-arg"
+# (kernels take what `arguments` packs: their number is numba\'s to check)
 from __future__ import annotations
 
 import math
@@ -98,10 +100,9 @@ def _newton(kind, z, threshold, alpha, pulses, shape, cells, quick, first, last,
             low = u
         else:
             high = u
+        step = 1.0 if d1 > 0.0 else -1.0
         if d2 < 0.0 and abs(d1) < -d2:
             step = -d1 / d2
-        else:
-            step = 1.0 if d1 > 0.0 else -1.0
         new = u + step
         if not low < new < high:
             new = 0.5 * (low + high) if low > -700.0 and high < 700.0 else u + step

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +16,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Case:
-    """A fluctuation model: the summed RCS of n pulses is gamma with this shape (times n when each pulse has its own)."""
+    """A fluctuation model: the summed RCS of n pulses is gamma with this shape (times n if each pulse has its own)."""
 
     name: str
     shape: float
@@ -23,7 +24,7 @@ class Case:
 
     def shapes(self, pulses: NDArray[np.int64]) -> Floats:
         """The shape K for each look of so many pulses."""
-        return self.shape * (pulses if self.per_pulse else np.ones(len(pulses)))
+        return np.asarray(self.shape * (pulses if self.per_pulse else np.ones(len(pulses))), dtype=np.float64)
 
 
 CASES: dict[str, Case] = {
@@ -98,8 +99,9 @@ class Looks:
 
     def take(self, rows: NDArray[np.int64] | NDArray[np.bool_] | slice) -> Looks:
         """The looks chosen by an index, a mask or a slice."""
-        columns = (np.ascontiguousarray(getattr(self, n)[rows]) for n in ("kind", "z", "threshold", "alpha", "pulses"))
-        return Looks(*columns, cells=self.cells)
+        names = ("kind", "z", "threshold", "alpha", "pulses")
+        kept: dict[str, Any] = {n: np.ascontiguousarray(getattr(self, n)[rows]) for n in names}
+        return replace(self, **kept)
 
     def seen_as(self, z: Floats) -> Looks:
         """The same looks with other amplitudes: what is below the threshold is missed."""

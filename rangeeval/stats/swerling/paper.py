@@ -8,6 +8,8 @@ References
 Jung and Hong (2017), eqs 10-15 with the errata of docs/explanation/rcs.md.
 """
 
+# mypy: disable-error-code="call-arg"
+# (kernels take what `arguments` packs: their number is numba\'s to check)
 from __future__ import annotations
 
 import math
@@ -230,7 +232,8 @@ def iterate(
     why = np.empty(len(windows), np.int8)
     begin = np.ascontiguousarray(np.broadcast_to(np.asarray(start, np.float64), len(windows)))
     _iterate(
-        *arguments(looks, case), quick_case(looks, case) > 0, windows.first, windows.last, begin, METHODS[method], absolute, relative,
+        *arguments(looks, case), quick_case(looks, case) > 0, windows.first, windows.last, begin,
+        METHODS[method], absolute, relative,
         out, steps, why,
     )  # fmt: skip
     return out, steps, why

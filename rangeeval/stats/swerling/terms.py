@@ -334,7 +334,7 @@ def look_terms(kind, z, t, n, s, shape, cells):  # type: ignore[no-untyped-def]
     """Log-likelihood of one look and its two derivatives in ln s.
 
     `kind`: MISS, DETECTION (amplitude `z`), HIT (amplitude not recorded), SATURATED (at least `z`). `s`: mean SNR per
-    pulse. `cells`: the amplitude is the strongest of that many cells, all but one holding noise alone (1: the target's).
+    pulse. `cells`: the amplitude is the strongest of that many cells, all but one holding noise alone (1: its own).
     """
     others = cells - 1.0
     if kind == MISS:
