@@ -102,3 +102,63 @@ def test_an_impossible_look_is_said_or_refused_never_used_silently(spoil):
     data[name][5] = value
     with contextlib.suppress(RangeevalError):  # one clear line will do as well
         assert rcs(trial_of(data), Bins(width=50e3, start=20e3), swerling="1", replicates=49).problems
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "reason", "words"),
+    [
+        ("amplitude", math.nan, "detections without an amplitude", "amplitude is missing"),
+        ("amplitude", 3.0, "amplitudes of detections below their threshold", "below the threshold 6.90776"),
+        ("threshold", 0.0, "threshold is not above zero", "threshold is 0"),
+        ("threshold", -1.0, "threshold is not above zero", "threshold is -1"),
+        ("snr_per_m2", -2.0, "snr_per_m2 is not a number above zero", "snr_per_m2 is -2"),
+        ("snr_per_m2", 0.0, "not looked at, not a miss", "snr_per_m2 is 0"),
+        ("detected", math.nan, "not looked at, not a miss", "detected is missing"),
+        ("detected", 3.0, "detected is neither 0 nor 1", "detected is 3"),
+    ],
+)
+def test_a_bad_look_is_set_aside_with_its_scan_number(column, value, reason, words):
+    """One bad value in the sixth look: named by scan and time, one look fewer, the estimate that of the rest."""
+    data = log()
+    rest = {k: np.delete(v, 5) for k, v in data.items()}
+    data[column] = data[column].copy()
+    data[column][5] = value
+    how = {"bins": Bins(width=50e3, start=20e3), "swerling": "1", "replicates": 0}
+    result = rcs(trial_of(data), **how)
+    (problem,) = [p for p in result.problems if reason in p.reason]
+    assert problem.count == 1
+    assert "scan 6 (at 5 s)" in problem.examples[0]
+    assert words in problem.examples[0]
+    found, expected = of(result, "rcs")[None], of(rcs(trial_of(rest), **how), "rcs")[None]
+    assert (found.n, found.value) == (599, pytest.approx(expected.value, rel=1e-12))
+
+
+def test_nothing_but_hits_without_amplitude_gives_a_lower_limit():
+    """All detected, no amplitude column: no value, a finite lower end, no upper end."""
+    data = log()
+    data["detected"][:] = 1.0
+    del data["amplitude"]
+    row = of(rcs(trial_of(data), Bins(width=50e3, start=20e3), swerling="1", replicates=0), "rcs")[None]
+    assert math.isnan(row.value)
+    assert row.low > 0
+    assert row.high == math.inf
+    assert "lower-limit" in row.flags
+
+
+def test_detections_weaker_than_noise_are_a_limit():
+    """A threshold below the noise and amplitudes that show no target: a limit, no value."""
+    data = {k: v[:40] for k, v in log().items()}
+    data["threshold"][:], data["detected"][:], data["amplitude"][:] = 0.3, 1.0, 0.5
+    row = of(rcs(trial_of(data), Bins(width=50e3, start=20e3), swerling="1", replicates=0), "rcs")[None]
+    assert math.isnan(row.value)
+    assert "upper-limit" in row.flags
+
+
+def test_one_detection_among_few_looks_is_said():
+    """A number, with the flag that it rests on too few detections."""
+    data = {k: v[:40].copy() for k, v in log().items()}
+    data["detected"][1:] = 0.0
+    data["amplitude"][1:] = np.nan
+    data["detected"][0], data["amplitude"][0] = 1.0, 9.0
+    row = of(rcs(trial_of(data), Bins(width=50e3, start=20e3), swerling="1", replicates=0), "rcs")[None]
+    assert "few-detections" in row.flags
