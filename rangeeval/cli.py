@@ -382,7 +382,8 @@ def show(trial: Trial, result: Result, form: str | None, output: Path | None) ->
     form = form or {".json": "json", ".csv": "csv"}.get(output.suffix.lower() if output else "", "table")
     problems = tuple(dict.fromkeys((*trial.problems, *result.problems)))
     if form == "json":
-        text = dataclasses.replace(result, problems=problems, provenance=flow.provenance(trial)).to_json() + "\n"
+        origin = result.provenance or flow.provenance(trial)
+        text = dataclasses.replace(result, problems=problems, provenance=origin).to_json() + "\n"
     elif form == "csv":
         text = result.estimates.to_csv(index=False, lineterminator="\n")
     else:

@@ -55,27 +55,24 @@ def evaluate(trial: Trial, plan: Plan | None = None, progress: Progress | None =
         found = known[name].load()(trial, plan.bins, confidence=plan.confidence, progress=progress, **own)
         results.append(replace(found, problems=(*trial.problems, *found.problems), provenance=origin))
     if trial.settings.requirements:
-        results.append(check(trial, plan, {r.analysis: r for r in results}, progress))
+        verdicts = _verdicts(trial, plan, {r.analysis: r for r in results}, progress)
+        results.append(replace(verdicts, provenance=origin))
     return results
 
 
-def check(
-    trial: Trial,
-    plan: Plan | None = None,
-    done: Mapping[str, Result] | None = None,
-    progress: Progress | None = None,
-) -> Result:
-    """The verdict on every requirement of the trial's settings, in every bin.
+def check(trial: Trial, plan: Plan | None = None, progress: Progress | None = None) -> Result:
+    """The verdict on every requirement of the trial's settings, in every bin."""
+    return replace(_verdicts(trial, plan or Plan(), {}, progress), provenance=provenance(trial))
 
-    `done`: results already at hand; a requirement with a `when` needs its own pass over the log.
-    """
-    plan = plan or Plan()
+
+def _verdicts(trial: Trial, plan: Plan, done: Mapping[str, Result], progress: Progress | None) -> Result:
+    """The verdicts; `done`: results already at hand. A requirement with a `when` needs its own pass over the log."""
     requirements = trial.settings.requirements
     if not requirements:
         raise InputError(f"{trial.name}: no [[requirements]] in its trial.toml, so there is nothing to check")
     accuracy = all_analyses()["accuracy"].load()
     passes: dict[tuple[tuple[str, float], ...], Result] = {}
-    if done and "accuracy" in done:
+    if "accuracy" in done:
         passes[()] = done["accuracy"]
     judged: list[tuple[Requirement, Result]] = []
     for requirement in requirements:
@@ -90,8 +87,7 @@ def check(
                 progress=progress,
             )
         judged.append((requirement, passes[key]))
-    verdicts = judge(judged)
-    return replace(verdicts, provenance=provenance(trial))
+    return judge(judged)
 
 
 def provenance(trial: Trial) -> dict[str, Any]:
