@@ -13,7 +13,7 @@ from scipy.special import stdtrit
 from rangeeval.analyses.accuracy.gathering import Axis, Gathered, Place
 from rangeeval.model import Bins, Estimate
 from rangeeval.model.settings import Radar
-from rangeeval.physics.measurement import angle_sigma, filtered_sigma, range_sigma
+from rangeeval.physics.measurement import angle_sigma, filtered_sigma, range_sigma, snr_from_db, snr_to_db
 from rangeeval.stats import cells as c
 from rangeeval.stats.cells import LAGS, Cell
 from rangeeval.stats.correlation import effective_samples, ljung_box
@@ -364,18 +364,14 @@ def _snr_rows(here: Here) -> list[Estimate]:
     if not n:
         return []
     mean = s[c.SUM_SNR] / n
-    linear = 10.0 ** (0.1 * here.cell.kept[3])
+    linear = snr_from_db(here.cell.kept[3])
     spread = float(np.std(linear[np.isfinite(linear)], ddof=1)) if n > 1 else math.nan
     low, high = (float(v) for v in mean_interval(mean, spread, n, 1.0, here.method.confidence))
     return [
-        here.row("snr", "dB", _db(mean), (_db(low), _db(high))),
+        here.row("snr", "dB", float(snr_to_db(mean)), (float(snr_to_db(low)), float(snr_to_db(high)))),
         here.row("snr_min", "dB", float(s[c.MIN_SNR])),
         here.row("snr_max", "dB", float(s[c.MAX_SNR])),
     ]
-
-
-def _db(ratio: float) -> float:
-    return 10.0 * math.log10(ratio) if ratio > 0 else math.nan
 
 
 def _prediction_rows(

@@ -27,11 +27,6 @@ def false_alarm_of(threshold: ArrayLike, pulses: ArrayLike = 1) -> Floats:
     return np.asarray(gammaincc(np.asarray(pulses, np.float64), np.asarray(threshold, np.float64)))
 
 
-def cfar_false_alarm_of(threshold: ArrayLike, cells: int) -> Floats:
-    """The false-alarm probability of a threshold relative to the mean of `cells` noise cells (one pulse)."""
-    return np.asarray((1.0 + np.asarray(threshold, np.float64) / cells) ** -float(cells))
-
-
 @compiled
 def _probabilities(threshold, pulses, snr, shape, out):  # type: ignore[no-untyped-def]
     for k in range(len(out)):
