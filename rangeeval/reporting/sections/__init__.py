@@ -9,9 +9,10 @@ from __future__ import annotations
 import datetime
 import importlib
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from rangeeval.model import Result
-from rangeeval.reporting.blocks import Document, Figure, Section
+from rangeeval.reporting.blocks import Document, Figure, Notice, Section
 from rangeeval.reporting.sections.common import inputs_section, plain_section, software_section, summary_section
 
 SECTIONS: dict[str, str] = {
@@ -42,7 +43,12 @@ def compose(results: Sequence[Result]) -> Document:
         subtitle="Post-trial analysis",
         handling=about.get("handling", ""),
         meta=[(word, text) for word, text in meta if text],
-        sections=[summary_section(results, _figure), *chapters, inputs_section(results), software_section(results)],
+        sections=[
+            summary_section(results, _notice, _figure),
+            *chapters,
+            inputs_section(results),
+            software_section(results),
+        ],
     )
 
 
@@ -55,10 +61,21 @@ def _chapter(result: Result) -> list[Section]:
     return layout(result)
 
 
+def _own(result: Result, name: str) -> Any:
+    """What the section module of an analysis has under a name; None where it has nothing, or there is no module."""
+    where = SECTIONS.get(result.analysis)
+    return getattr(importlib.import_module(where.split(":")[0]), name, None) if where else None
+
+
+def _notice(result: Result) -> Notice | None:
+    """What a reader of the summary must know first of an analysis: `SUMMARY_NOTICE` of its section module, if any."""
+    notice: Notice | None = _own(result, "SUMMARY_NOTICE")
+    return notice
+
+
 def _figure(result: Result) -> Figure | None:
     """The figure of an analysis that belongs on the summary: `summary_figure` of its section module, if any."""
-    where = SECTIONS.get(result.analysis)
-    draw = getattr(importlib.import_module(where.split(":")[0]), "summary_figure", None) if where else None
+    draw = _own(result, "summary_figure")
     return draw(result) if draw else None
 
 

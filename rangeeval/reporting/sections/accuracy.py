@@ -28,6 +28,14 @@ AXES = {"range": "range_sigma", "y": "elevation_sigma", "z": "azimuth_sigma"}
 _NAMES = {"range": "Range", "y": "Elevation (y)", "z": "Azimuth (z)"}
 
 
+SUMMARY_NOTICE = Notice(
+    "These numbers come from the tracker's own residuals and gains, without truth. They show the random error. A "
+    "constant bias (range zero offset, boresight error) leaves no trace in residuals and is not in any number here.",
+    "info",
+    "What these numbers cannot see",
+)
+
+
 def sections(result: Result) -> list[Section]:
     """Overview, method, and one page for each bin."""
     found = [

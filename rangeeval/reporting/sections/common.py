@@ -9,18 +9,13 @@ from rangeeval.reporting.blocks import Block, Cell, Figure, Notice, Paragraph, S
 from rangeeval.reporting.tables import headline_table, pooled, short_tables, verdict_table
 from rangeeval.reporting.wording import FLAGS
 
-_CANNOT_SEE = (
-    "These numbers come from the tracker's own residuals and gains, without truth. They show the random error. A "
-    "constant "
-    "bias (range zero offset, boresight error) leaves no trace in residuals and is not in any number here."
-)
-
-
 _NAMES = {"rcs": "Detection probability and RCS"}
 
 
-def summary_section(results: Sequence[Result], summary_figure: Callable[[Result], Figure | None]) -> Section:
-    """Verdicts first, then the headline numbers of every analysis, then what a reader must not overlook."""
+def summary_section(
+    results: Sequence[Result], notice: Callable[[Result], Notice | None], figure: Callable[[Result], Figure | None]
+) -> Section:
+    """Verdicts first, then of every analysis its `notice`, its headline numbers and its `figure`, where it has them."""
     blocks: list[Block] = []
     for result in results:
         if result.analysis == "check":
@@ -28,10 +23,9 @@ def summary_section(results: Sequence[Result], summary_figure: Callable[[Result]
     for result in results:
         if result.analysis == "check":
             continue
-        if result.analysis == "accuracy":
-            blocks.append(Notice(_CANNOT_SEE, "info", "What these numbers cannot see"))
+        blocks += [said] if (said := notice(result)) else []
         blocks += short_tables(result, caption=_headline_caption(result), rows=pooled(result), summary=True)
-        blocks += [figure] if (figure := summary_figure(result)) else []
+        blocks += [drawn] if (drawn := figure(result)) else []
     rejected = sum(p.count for p in _problems(results) if p.rejected)
     if rejected:
         blocks.append(Paragraph("Rows that were set aside are counted, with reasons, in the chapter on what was read."))
