@@ -12,17 +12,13 @@ bits.
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
-import os
-import subprocess
-import sys
 import tempfile
-import time
 from pathlib import Path
 
 import h5py
 import numpy as np
+from side_by_side import READ, digest, measure, run, same_bits
 
 COLUMNS = (
     "time_s", "track_id", "range_residual_m", "y_residual_m", "z_residual_m", "range_predicted_m", "y_predicted_m",
@@ -92,30 +88,6 @@ for axis in ("range", "y", "z"):
 print(pd.concat(out, axis=1).to_json())
 """
 
-READ = """
-import sys, h5py, numpy as np
-total = 0.0
-with h5py.File(sys.argv[1]) as f:
-    n = len(f["time_s"])
-    buffers = {name: np.empty(262_144, f[name].dtype) for name in f}
-    for start in range(0, n, 262_144):
-        stop = min(start + 262_144, n)
-        for name, buffer in buffers.items():
-            f[name].read_direct(buffer, np.s_[start:stop], np.s_[: stop - start])
-print(n)
-"""
-
-
-def run(code: str, path: Path, threads: int | None = None) -> tuple[float, float, bytes]:
-    """Seconds, peak MiB and output of a fresh Python process."""
-    environment = dict(os.environ)
-    if threads is not None:
-        environment["RANGEEVAL_THREADS"] = str(threads)
-    wrapped = code + "\nimport resource; sys.stderr.write(str(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss))"
-    started = time.perf_counter()
-    done = subprocess.run([sys.executable, "-c", wrapped, str(path)], capture_output=True, check=True, env=environment)
-    return time.perf_counter() - started, int(done.stderr.split()[-1]) / 1024, done.stdout
-
 
 def main() -> None:
     """Make the log, measure, print."""
@@ -130,26 +102,13 @@ def main() -> None:
         path = Path(folder) / "log.h5"
         make(path, options.updates)
         print(f"{options.updates:,} updates, {len(COLUMNS)} columns, {path.stat().st_size / 2**20:.0f} MiB on disk")
-        run(RANGEEVAL, path)  # compiles the kernels once and warms the page cache
         jobs = {"read the columns (h5py)": READ, "rangeeval accuracy": RANGEEVAL}
         if not options.no_pandas:
             jobs["pandas group-by"] = PANDAS
-        best: dict[str, tuple[float, float]] = {}
-        digests = set()
-        for _ in range(options.repeats):
-            for name, code in jobs.items():
-                seconds, memory, output = run(code, path)
-                best[name] = min(best.get(name, (np.inf, 0.0)), (seconds, memory))
-                if code is RANGEEVAL:
-                    digests.add(hashlib.sha256(output).hexdigest())
-        ours = best["rangeeval accuracy"][0]
-        for name, (seconds, memory) in best.items():
-            print(f"{name:26s} {seconds:7.2f} s  {seconds / ours:5.2f} x ours  peak {memory:6.0f} MiB")
-        for threads in (1, 2, 3):
-            digests.add(hashlib.sha256(run(RANGEEVAL, path, threads)[2]).hexdigest())
-        same = "the same bits" if len(digests) == 1 else f"{len(digests)} DIFFERENT results"
-        print(f"{options.repeats} runs and 1, 2, 3 threads: {same}")
-        print(json.dumps({name: {"seconds": s, "peak_mib": m} for name, (s, m) in best.items()}))
+        found = measure(jobs, "rangeeval accuracy", path, options.repeats)
+        digests = {*found.digests, *(digest(run(RANGEEVAL, path, threads)[2]) for threads in (1, 2, 3))}
+        print(f"{options.repeats} runs and 1, 2, 3 threads: {same_bits(digests)}")
+        print(json.dumps(found.as_json()))
 
 
 if __name__ == "__main__":

@@ -12,16 +12,13 @@ repeated runs give the same bits.
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
-import subprocess
-import sys
 import tempfile
-import time
 from pathlib import Path
 
 import h5py
 import numpy as np
+from side_by_side import READ, measure, same_bits
 
 COLUMNS = (
     "time_s", "upper_x_accel_m_s2", "lower_x_accel_m_s2", "upper_z_accel_m_s2", "lower_z_accel_m_s2",
@@ -83,27 +80,6 @@ for axis in ("x", "z"):
     print(axis, c[2], np.hypot(c[0], c[1]), f0, np.abs(single - alpha).max(), (alpha - A @ c).std())
 """
 
-READ = """
-import sys, h5py, numpy as np
-with h5py.File(sys.argv[1]) as f:
-    n = len(f["time_s"])
-    buffers = {name: np.empty(262_144, f[name].dtype) for name in f}
-    for start in range(0, n, 262_144):
-        stop = min(start + 262_144, n)
-        for name, buffer in buffers.items():
-            f[name].read_direct(buffer, np.s_[start:stop], np.s_[: stop - start])
-print(n)
-"""
-
-
-def run(code: str, path: Path) -> tuple[float, float, bytes]:
-    """Seconds, peak MiB and output of a fresh Python process."""
-    peak = "str(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
-    wrapped = code + f"\nimport resource; sys.stderr.write(' ' + {peak})"
-    started = time.perf_counter()
-    done = subprocess.run([sys.executable, "-c", wrapped, str(path)], capture_output=True, check=True)
-    return time.perf_counter() - started, int(done.stderr.split()[-1]) / 1024, done.stdout
-
 
 def main() -> None:
     """Make the log, measure, print."""
@@ -117,22 +93,10 @@ def main() -> None:
         make(path, samples)
         (Path(folder) / "trial.toml").write_text(TOML)
         print(f"{samples:,} samples, {len(COLUMNS)} columns, {path.stat().st_size / 2**20:.0f} MiB on disk")
-        run(RANGEEVAL, path)  # compiles the kernels once and warms the page cache
         jobs = {"read the columns (h5py)": READ, "rangeeval attitude": RANGEEVAL, "plain numpy script": NUMPY}
-        best: dict[str, tuple[float, float]] = {}
-        digests = set()
-        for _ in range(options.repeats):
-            for name, code in jobs.items():
-                seconds, memory, output = run(code, path)
-                best[name] = min(best.get(name, (np.inf, 0.0)), (seconds, memory))
-                if code is RANGEEVAL:
-                    digests.add(hashlib.sha256(output).hexdigest())
-        ours = best["rangeeval attitude"][0]
-        for name, (seconds, memory) in best.items():
-            print(f"{name:26s} {seconds:7.2f} s  {seconds / ours:5.2f} x ours  peak {memory:6.0f} MiB")
-        same = "the same bits" if len(digests) == 1 else f"{len(digests)} DIFFERENT results"
-        print(f"{options.repeats} runs: {same}")
-        print(json.dumps({name: {"seconds": s, "peak_mib": m} for name, (s, m) in best.items()}))
+        found = measure(jobs, "rangeeval attitude", path, options.repeats)
+        print(f"{options.repeats} runs: {same_bits(found.digests)}")
+        print(json.dumps(found.as_json()))
 
 
 if __name__ == "__main__":
