@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -34,11 +35,7 @@ def original(tmp_path_factory):
 @pytest.fixture
 def trial(original, tmp_path):
     """A copy to spoil."""
-    folder = tmp_path / "trial"
-    folder.mkdir()
-    for file in original.iterdir():
-        (folder / file.name).write_bytes(file.read_bytes())
-    return folder
+    return shutil.copytree(original, tmp_path / "trial")
 
 
 def edit(path, change):

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -21,11 +22,7 @@ def original(tmp_path_factory):
 @pytest.fixture
 def trial(original, tmp_path):
     """A copy to spoil."""
-    folder = tmp_path / "trial"
-    folder.mkdir()
-    for file in original.iterdir():
-        (folder / file.name).write_bytes(file.read_bytes())
-    return folder
+    return shutil.copytree(original, tmp_path / "trial")
 
 
 def test_the_table_shows_motion_and_pointing(original):
