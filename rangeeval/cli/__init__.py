@@ -23,6 +23,7 @@ COMMANDS: dict[str, str] = {
     "accuracy": "rangeeval.cli.accuracy:accuracy",
     "attitude": "rangeeval.cli.attitude:attitude",
     "rcs": "rangeeval.cli.rcs:rcs",
+    "evaluate": "rangeeval.cli.evaluate:evaluate",
     "check": "rangeeval.cli.check:check",
     "simulate": "rangeeval.cli.simulate:simulate",
 }

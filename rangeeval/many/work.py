@@ -15,13 +15,13 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from rangeeval import flow
 from rangeeval.analyses import all_analyses
 from rangeeval.errors import InputError, RangeevalError, one_line
 from rangeeval.files import write_whole
 from rangeeval.model import BinChoice, Bins, Trial
+from rangeeval.model.identity import hash_of, trial_hash
 from rangeeval.model.result import without_nan
 from rangeeval.parsers import open_trial
 from rangeeval.parsers.hashing import sha256_of
@@ -128,7 +128,7 @@ def key_of(trial: Trial, plan: flow.Plan) -> str:
     An archive and the folder it was made from have the same key: their results are the same bytes.
     """
     analyses = plan.analyses or tuple(name for name, one in all_analyses().items() if one.applies_to(trial))
-    return _hash(
+    return hash_of(
         {
             "name": trial.title,
             "inputs": inputs_of(trial),
@@ -143,14 +143,7 @@ def key_of(trial: Trial, plan: flow.Plan) -> str:
 
 def inputs_of(trial: Trial) -> str:
     """A hash of what a trial holds, whatever it and its files are called: its logs' SHA-256 and its settings."""
-    settings = dataclasses.asdict(trial.settings)
-    settings["trial"].pop("name")
-    return _hash({"settings": settings, "files": sorted([s.kind, s.sha256] for s in trial.sources)})
-
-
-def _hash(value: Any) -> str:
-    text = json.dumps(without_nan(value), sort_keys=True, ensure_ascii=False, allow_nan=False)
-    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
+    return trial_hash(dataclasses.asdict(trial.settings), ((s.kind, s.sha256) for s in trial.sources))
 
 
 def _file_stem(name: str) -> str:

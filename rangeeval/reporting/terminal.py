@@ -58,6 +58,15 @@ def _plain(text: str) -> str:
     return one_line(text.replace(NBSP, " "))
 
 
+def outcomes_text(directory: str, outcomes: Sequence[Any], stream: IO[str] | None = None) -> str:
+    """What came of many trials: how many were done, kept and failed, and why each failed."""
+    counts = {status: sum(o.status == status for o in outcomes) for status in ("done", "kept", "failed")}
+    rows = [[status, str(count)] for status, count in counts.items() if count]
+    text = text_of(Table(f"Results in {directory}", ["", "Trials"], rows, "lr"), stream)
+    failed = [[o.path, o.why] for o in outcomes if o.status == "failed"]
+    return text + (text_of(Table("Failed", ["Trial", "Why"], failed, "ll"), stream) if failed else "")
+
+
 def inspection_text(found: Sequence[Mapping[str, Any]], stream: IO[str] | None = None) -> str:
     """What `inspect` found (its plain form), a block a file: kind, format, rows, span, gaps, columns, rejects."""
     return "\n".join(_inspected(item, stream) for item in found)
