@@ -12,7 +12,7 @@ import math
 import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -112,11 +112,12 @@ class Indexed:
     estimate: Estimate
 
     def as_row(self) -> dict[str, Any]:
-        """The trial's columns, then those of the contract."""
+        """The trial's columns, those of the contract, and as JSON what an analysis adds to them."""
         about = {"trial": self.result.name, "date": self.result.date, "radar": self.result.radar}
         about |= {"software": self.result.software, "sha256": self.result.sha256, "analysis": self.analysis}
-        row = {**about, **self.estimate.as_row(), "confidence": self.confidence}
-        return {**row, "flags": " ".join(self.estimate.flags)}
+        row = {**about, **replace(self.estimate, extra={}).as_row(), "confidence": self.confidence}
+        extra = json.dumps(without_nan(self.estimate.extra), ensure_ascii=False) if self.estimate.extra else None
+        return {**row, "flags": " ".join(self.estimate.flags), "extra": extra}
 
 
 @contextlib.contextmanager
@@ -181,8 +182,8 @@ def _told(where: str) -> Iterator[None]:
         raise InputError(f"{where}: the catalogue cannot be used ({one_line(error, 100)})") from error
     except (sqlite3.Error, TypeError, ValueError) as error:
         raise InputError(
-            f"{where}: not a catalogue, or a damaged one ({one_line(error, 100)}); it is only an index: move it away and "
-            "'rangeeval catalog add' the archives again"
+            f"{where}: not a catalogue, or a damaged one ({one_line(error, 100)}); it is only an index: move it away "
+            "and 'rangeeval catalog add' the archives again"
         ) from error
 
 
@@ -232,7 +233,7 @@ class Catalog:
                 raise
 
     def _add(self, connection: sqlite3.Connection, entry: Entry) -> Added:
-        if (known := connection.execute("SELECT path FROM result WHERE sha256 = ?", (entry.sha256,)).fetchone()):
+        if known := connection.execute("SELECT path FROM result WHERE sha256 = ?", (entry.sha256,)).fetchone():
             return Added(entry.path, "known", str(known[0]))
         replaced = connection.execute("DELETE FROM result WHERE path = ?", (entry.path,)).rowcount
         provenance = entry.results[0].provenance if entry.results else {}
@@ -321,8 +322,8 @@ class Catalog:
         held, values = terms.of_what
         with _told(self.where):
             numbers = self._connection.execute(
-                f"SELECT id FROM what WHERE {held} ORDER BY analysis, quantity, grp IS NOT NULL, grp, track_id IS NOT NULL, "
-                "track_id, variable, bin_low",
+                f"SELECT id FROM what WHERE {held} ORDER BY analysis, quantity, grp IS NOT NULL, grp, "
+                "track_id IS NOT NULL, track_id, variable, bin_low",
                 values,
             ).fetchall()
         for (number,) in numbers:
@@ -333,8 +334,8 @@ class Catalog:
     def _rows(self, condition: str, values: tuple[Any, ...]) -> Iterator[tuple[Any, ...]]:
         with _told(self.where):
             yield from self._connection.execute(
-                "SELECT result, analysis, confidence, track_id, grp, variable, bin_low, bin_high, quantity, unit, n, n_eff, "
-                f"value, low, high, flags, extra FROM estimate JOIN what ON what.id = estimate.what {condition}",
+                "SELECT result, analysis, confidence, track_id, grp, variable, bin_low, bin_high, quantity, unit, n, "
+                f"n_eff, value, low, high, flags, extra FROM estimate JOIN what ON what.id = estimate.what {condition}",
                 values,
             )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rangeeval.errors import SettingsError, one_line
@@ -13,9 +13,9 @@ from rangeeval.errors import SettingsError, one_line
 class Terms:
     """What is looked for; what is not given does not matter.
 
-    `radar`, `software`, `quantity` and `group` are patterns: `*` and `?` stand for any text and any character, case does not
-    matter. Dates are ISO, ends included; a trial without a date is not in any span. `bin`: bins that lie inside [low,
-    high), in the variable's SI unit. `trials`: names, paths, or beginnings of a SHA-256; any of them.
+    `radar`, `software`, `quantity` and `group` are patterns: `*` and `?` stand for any text and any character, case
+    does not matter. Dates are ISO, ends included; a trial without a date is not in any span. `bin`: bins that lie
+    inside [low, high), in the variable's SI unit. `trials`: names, paths, or beginnings of a SHA-256; any of them.
     """
 
     radar: str | None = None
@@ -32,9 +32,14 @@ class Terms:
         for name in ("since", "until"):
             value = getattr(self, name)
             if value is not None and not re.fullmatch(r"\d{4}(-\d\d(-\d\d)?)?", value):
-                raise SettingsError(f"--{name} {one_line(value, 40)}: expected a date such as 2026-05-14, or 2026-05, 2026")
+                shown = one_line(value, 40)
+                raise SettingsError(f"--{name} {shown}: expected a date such as 2026-05-14, or 2026-05, or 2026")
         if self.bin is not None and not self.bin[0] < self.bin[1]:
             raise SettingsError(f"--bin {self.bin[0]:g}:{self.bin[1]:g}: the low end must be below the high end")
+
+    def only(self, sha256: str) -> Terms:
+        """The same of one result."""
+        return replace(self, trials=(sha256,))
 
     @property
     def of_result(self) -> tuple[str, list[Any]]:

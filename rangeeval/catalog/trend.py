@@ -6,7 +6,7 @@ Only the indexed estimates are read, each with its own interval. See `stats.cont
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -59,9 +59,9 @@ def trend(catalog: Catalog, terms: Terms | None = None, *, alpha: float = 0.05) 
 
     Returns
     -------
-    Rows of three kinds (column `kind`): `point`, an estimate of a trial with the limits it is held against and `verdict`
-    `in` or `out`; `level`, the weighted mean of the trials between two steps; `step`, the ratio (or difference) of two
-    levels with `p_value`. `chart` numbers the charts.
+    Rows of three kinds (column `kind`): `point`, an estimate of a trial with the limits it is held against and
+    `verdict` `in` or `out`; `level`, the weighted mean of the trials between two steps; `step`, the ratio (or
+    difference) of two levels with `p_value`. `chart` numbers the charts.
 
     Raises
     ------
@@ -76,13 +76,18 @@ def trend(catalog: Catalog, terms: Terms | None = None, *, alpha: float = 0.05) 
         if wanted and pooled and series[0].analysis != "check":
             chosen.append(series)
     if not chosen:
-        raise InputError(f"{catalog.where}: no estimate in it is what was asked for; 'rangeeval catalog list' shows trials")
+        raise InputError(
+            f"{catalog.where}: no estimate in it is what was asked for; 'rangeeval catalog list' shows trials"
+        )
     again: set[str] = set()
-    charts = [_Points.of(_once(series, again)) for series in chosen]
+    every = [_Points.of(_once(series, again)) for series in chosen]
+    charts = [points for points in every if points.of_trial]
     judged = sum(len(points.y) >= LEAST_POINTS for points in charts)
-    rows = [row for number, points in enumerate(charts, 1) for row in _rows(number, points, alpha / max(judged, 1))]
     results = list({point.result.id: point.result for points in charts for point in points.of_trial}.values())
-    results.sort(key=lambda result: (not result.date, result.date, result.name))
+    results.sort(key=lambda result: (not result.date, result.date, result.name, result.path))
+    places = {result.id: place for place, result in enumerate(results, 1)}
+    share = alpha / max(judged, 1)
+    rows = [row for number, points in enumerate(charts, 1) for row in _rows(number, points, places, share)]
     settings = {
         "false_alarm_rate": alpha,
         "charts": len(charts),
@@ -90,7 +95,7 @@ def trend(catalog: Catalog, terms: Terms | None = None, *, alpha: float = 0.05) 
         "trials": len(results),
         "terms": {k: v for k, v in terms.__dict__.items() if v not in (None, ())},
     }
-    return Result("trend", tuple(rows), settings, tuple(_problems(catalog, results, again, charts)), {}, _about(results))
+    return Result("trend", tuple(rows), settings, tuple(_problems(catalog, results, again, every)), {}, _about(results))
 
 
 def _once(series: Sequence[Indexed], again: set[str]) -> list[Indexed]:
@@ -108,7 +113,7 @@ def _once(series: Sequence[Indexed], again: set[str]) -> list[Indexed]:
 
 @dataclass(frozen=True)
 class _Points:
-    """The usable estimates of one chart on their scale, with their error variances; `left_out`: those without interval."""
+    """The estimates of one chart on their scale, with their error variances; `left_out`: those without an interval."""
 
     of_trial: tuple[Indexed, ...]
     scale: _Scale
@@ -134,21 +139,23 @@ def _has_interval(row: Estimate) -> bool:
     return math.isfinite(row.value) and math.isfinite(row.low) and math.isfinite(row.high) and row.low < row.high
 
 
-def _rows(number: int, points: _Points, alpha: float) -> Iterator[Estimate]:
+def _rows(number: int, points: _Points, places: Mapping[int, int], alpha: float) -> Iterator[Estimate]:
     chart = judge_series(points.y, points.v, alpha) if len(points.y) >= LEAST_POINTS else None
     for i, point in enumerate(points.of_trial):
-        extra = {"chart": number, "kind": "point", "analysis": point.analysis, **_trial(point.result), "number": i + 1}
+        extra = {"chart": number, "kind": "point", "analysis": point.analysis, "number": places[point.result.id]}
+        extra |= _trial(point.result)
         yield replace(point.estimate, extra={**extra, **(_judged(points, chart, i) if chart else _UNJUDGED)},
                       flags=point.estimate.flags if chart else (*point.estimate.flags, "few-trials"))  # fmt: skip
     if chart is None:
         return
     first = points.of_trial[0].estimate
-    where = {"variable": first.variable, "bin_low": first.bin_low, "bin_high": first.bin_high, "group": first.group,
-             "track_id": first.track_id}  # fmt: skip
+    where: dict[str, Any] = {
+        name: getattr(first, name) for name in ("variable", "bin_low", "bin_high", "group", "track_id")
+    }
     back = points.scale.back
     for segment in chart.segments:
         half = 1.96 * math.sqrt(segment.variance)
-        value, low, high = (float(back(np.float64(segment.mean + d))) for d in (0.0, -half, half))
+        value, low, high = (float(back(np.array(segment.mean + d))) for d in (0.0, -half, half))
         yield Estimate(
             quantity=first.quantity, unit=first.unit, value=value, low=low, high=high, n=segment.stop - segment.start,
             **where,
@@ -170,9 +177,9 @@ def _rows(number: int, points: _Points, alpha: float) -> Iterator[Estimate]:
         )  # fmt: skip
 
 
-_UNJUDGED: dict[str, Any] = {
-    name: None for name in ("level", "limit_low", "limit_high", "smoothed", "smoothed_limit", "verdict")
-}
+_UNJUDGED: dict[str, Any] = dict.fromkeys(
+    ("level", "limit_low", "limit_high", "smoothed", "smoothed_limit", "drifts", "verdict")
+)
 
 
 def _judged(points: _Points, chart: Chart, i: int) -> dict[str, Any]:
@@ -190,7 +197,7 @@ def _judged(points: _Points, chart: Chart, i: int) -> dict[str, Any]:
 def _step(scale: _Scale, row: Estimate, before: Segment, after: Segment) -> tuple[str, str, tuple[float, float, float]]:
     """How large a step is, with its 95 % interval: a ratio on the logarithmic scale, else a difference."""
     if scale is _ARCSINE:
-        levels = [float(scale.back(np.float64(s.mean))) for s in (before, after)]
+        levels = [float(scale.back(np.array(s.mean))) for s in (before, after)]
         variance = sum(math.sin(2 * s.mean) ** 2 * s.variance for s in (before, after))
         size = levels[1] - levels[0]
     else:
@@ -217,14 +224,16 @@ def _problems(
     catalog: Catalog, results: Sequence[Found], again: set[str], charts: Sequence[_Points]
 ) -> Iterator[Problem]:
     if again:
-        yield Problem(catalog.where, f"{len(again)} trials are indexed more than once; the newest result of each counts")
+        yield Problem(
+            catalog.where, f"{len(again)} trials are indexed more than once; the newest result of each counts"
+        )
     if undated := [r.name for r in results if not r.date]:
         yield Problem(
             catalog.where, f"{len(undated)} trials have no date; they stand last, by name", 0, tuple(undated[:5])
         )
     if left_out := sum(points.left_out for points in charts):
         yield Problem(catalog.where, f"{left_out} estimates have no interval; they are in no chart")
-    if few := sum(len(points.y) < LEAST_POINTS for points in charts):
+    if few := sum(0 < len(points.y) < LEAST_POINTS for points in charts):
         yield Problem(catalog.where, f"{few} charts have fewer than {LEAST_POINTS} trials; they have no limits")
 
 

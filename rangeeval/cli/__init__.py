@@ -25,6 +25,7 @@ COMMANDS: dict[str, str] = {
     "rcs": "rangeeval.cli.rcs:rcs",
     "evaluate": "rangeeval.cli.evaluate:evaluate",
     "check": "rangeeval.cli.check:check",
+    "catalog": "rangeeval.cli.catalog:catalog",
     "simulate": "rangeeval.cli.simulate:simulate",
 }
 

@@ -58,9 +58,11 @@ def evaluate(
     _print(summary, form)
     for note in summary.notes:
         click.echo(f"rangeeval: {note}", err=True)
-    for one in summary.failed:
-        click.echo(f"rangeeval: {one_line(one.path)}: {one_line(one.why, 1000)}", err=True)
+    if form != "table":
+        for one in summary.failed:
+            click.echo(f"rangeeval: {one_line(one.path)}: {one_line(one.why, 1000)}", err=True)
     if summary.failed:
+        click.echo(f"rangeeval: {len(summary.failed)} of {len(summary.outcomes)} trials failed", err=True)
         sys.exit(1)
 
 
@@ -70,9 +72,9 @@ def _print(summary: Summary, form: str) -> None:
 
         click.echo(json.dumps(summary.as_dict(), allow_nan=False, ensure_ascii=False, indent=1))
     elif form == "csv":
-        from rangeeval.cli.output import csv_text
+        from rangeeval.reporting.export import write_text
 
-        click.echo(csv_text(summary.as_dict()["trials"]), nl=False)
+        write_text(summary.as_dict()["trials"], "csv", sys.stdout)
     else:
         from rangeeval.reporting.terminal import outcomes_text
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from rangeeval.errors import one_line
+from rangeeval.errors import SettingsError, one_line
 
 if TYPE_CHECKING:
     from rangeeval.model import Problem, Result, Trial
@@ -46,22 +46,25 @@ def write(text: str, output: Path | None) -> None:
         output.write_text(text, encoding="utf-8", newline="")
 
 
-def csv_text(rows: Sequence[Mapping[str, object]]) -> str:
-    """Rows as CSV. Text that a spreadsheet would take for a formula gets an apostrophe in front."""
-    import csv
-    import io
+def export(rows: Iterable[Mapping[str, object]], form: str | None, output: Path | None) -> bool:
+    """Print or write rows in the form asked for, by default that of the file's ending. False when that is a table."""
+    form = form or {".json": "json", ".csv": "csv", ".parquet": "parquet"}.get(output.suffix.lower() if output else "")
+    if form in (None, "table"):
+        if output is not None:
+            raise SettingsError(f"{output}: give --format json, csv or parquet, or a file name that ends so")
+        return False
+    from rangeeval.reporting import export as written
 
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(rows[0] if rows else [])
-    writer.writerows([_inert(value) for value in row.values()] for row in rows)
-    return text.getvalue()
-
-
-def _inert(value: object) -> object:
-    if isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r")):
-        return f"'{value}"
-    return "" if value is None else value
+    if form == "parquet":
+        if output is None:
+            raise SettingsError("--format parquet needs -o FILE")
+        written.write_parquet(rows, output)
+    elif output is None:
+        written.write_text(rows, form, sys.stdout)
+    else:
+        with output.open("w", encoding="utf-8", newline="") as stream:
+            written.write_text(rows, form, stream)
+    return True
 
 
 def warn(problems: Iterable[Problem]) -> None:

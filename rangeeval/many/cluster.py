@@ -81,9 +81,7 @@ def cluster_client(address: str) -> Iterator[Any]:
         try:
             client.wait_for_workers(1, timeout=WAIT_SECONDS)
         except TimeoutError:
-            raise ClusterLost(
-                f"the scheduler at {where} has no workers; 'dask worker {where}' starts one"
-            ) from None
+            raise ClusterLost(f"the scheduler at {where} has no workers; 'dask worker {where}' starts one") from None
         yield client
 
 
@@ -107,16 +105,14 @@ def perform_on(client: Any, jobs: Iterable[Job], time_limit: float | None = None
         else:
             yield outcome
     for job, outcome in _handed_out(client, suspects, time_limit, alone=True):
-        yield outcome or Outcome(
-            job.path, FAILED, why=_TAKEN
-        )
+        yield outcome or Outcome(job.path, FAILED, why=_TAKEN)
 
 
 def _handed_out(
     client: Any, jobs: Iterable[Job], time_limit: float | None, *, alone: bool
 ) -> Iterator[tuple[Job, Outcome | None]]:
     """Each job with its outcome, or with None when its workers died."""
-    import distributed
+    distributed = _distributed()
     from distributed.scheduler import KilledWorker
 
     waiting = iter(jobs)

@@ -5,11 +5,14 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from rangeeval import flow
-from rangeeval.catalog import Added, Catalog, Entry
+from rangeeval.catalog import Added, Catalog, Entry, Terms
+from rangeeval.catalog.trend import trend
 from rangeeval.errors import InputError, RangeevalError, one_line
+from rangeeval.model import Result
 from rangeeval.parsers import archive
 
 FAILED = "failed"
@@ -75,6 +78,12 @@ def rebuild(catalog: Catalog, paths: Iterable[str | os.PathLike[str]] = ()) -> t
                 failed.append(Added(str(path), FAILED, _reason(error)))
 
     return catalog.rebuild(entries()), failed
+
+
+def trend_of(catalog: Catalog, terms: Terms | None = None, *, alpha: float = 0.05) -> Result:
+    """The trend (see `catalog.trend`), with the software it was made by."""
+    found = trend(catalog, terms, alpha=alpha)
+    return replace(found, provenance={**found.provenance, "versions": flow.versions()})
 
 
 def _indexed(catalog: Catalog, path: Path) -> Added:

@@ -15,6 +15,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from rangeeval import flow
 from rangeeval.analyses import all_analyses
@@ -47,8 +48,8 @@ class Job:
     def from_json(cls, text: str) -> Job:
         """Back from its line."""
         data = json.loads(text)
-        plan = {k: tuple(v) if isinstance(v, list) else v for k, v in data.pop("plan").items()}
-        plan["bins"] = plan["bins"] and Bins(**plan["bins"])
+        plan: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in data["plan"].items()}
+        plan["bins"] = None if plan["bins"] is None else Bins(**plan["bins"])
         return cls(**{**data, "plan": flow.Plan(**plan), "bins": BinChoice(**data["bins"])})
 
 

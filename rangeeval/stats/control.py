@@ -3,10 +3,10 @@
 The model is y_i = mu + u_i + e_i: u_i differs from one trial to the next with variance tau^2 (weather, target, set-up),
 e_i is the error that the point's own interval states, with variance v_i. Arrays are (..., k): k points in order.
 
-How large a deviation is surprising depends on k, on the v_i, and on tau^2 having to be estimated from few points. So the
-limits are those of simulated steady series with the same v_i, put through the same estimators: of all steady series, a
-share `alpha` has a point beyond its limits somewhere. Since tau^2 is not known, they are simulated at its estimate and at
-its upper bound, and the wider limit stands.
+How large a deviation is surprising depends on k, on the v_i, and on tau^2 having to be estimated from few points. So
+the limits are those of simulated steady series with the same v_i, put through the same estimators: of all steady
+series, a share `alpha` has a point beyond its limits somewhere. Since tau^2 is not known, they are simulated at its
+estimate and at its upper bound, and the wider limit stands.
 
 References
 ----------
@@ -17,6 +17,7 @@ tau^2: the estimating equation of Paule and Mandel (1982), on successive differe
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -28,6 +29,13 @@ from rangeeval.stats.intervals import FloatArray
 LEAST_POINTS = 5  # fewer say nothing about their scatter
 SHORTEST = 3  # points on either side of a step; fewer are single points off, which the limits show
 SMOOTHING = 0.2  # weight of the newest point in the EWMA
+CUT = 2.5  # standard deviations that a point counts in it at most: one trial out of line is no drift
+
+# Of a chi-square with one degree of freedom cut off at 1: the mean, and the variance of each term of a sum of those of
+# successive differences, which correlate.
+_MEAN_OF_CUT = 0.5160
+_VARIANCE_OF_CUT = 0.21
+_HALVINGS = 26
 
 _RUNS = 2_000
 _TAIL_RUNS = 20  # at least so many simulated series lie beyond a limit
@@ -35,32 +43,27 @@ _MOST_RUNS = 40_000
 _AT_ONCE = 4_000_000  # simulated numbers in memory
 
 
-def between_variance(
-    y: FloatArray, v: FloatArray, breaks: tuple[int, ...] = (), *, sigmas: float = 0.0
-) -> FloatArray:
+def between_variance(y: FloatArray, v: FloatArray, breaks: tuple[int, ...] = (), *, sigmas: float = 0.0) -> FloatArray:
     """tau^2 (...,) from successive differences; `breaks`: the points before which the level steps, whose difference to
     the point before is left out. 0 when the points differ no more than their own errors say. With `sigmas`, an upper
     bound so many standard errors of the estimating equation above.
+
+    A squared difference over its variance is chi-square with one degree of freedom. It counts as at most 1, so that a
+    trial far out of line, or a step not yet found, moves the estimate little.
     """
     keep = np.ones(y.shape[-1] - 1, bool)
     keep[[b - 1 for b in breaks]] = False
     squared = np.diff(y, axis=-1)[..., keep] ** 2
-    own = (v[..., 1:] + v[..., :-1])[..., keep]
-    own = np.maximum(own, 1e-300)
-    # Each term has mean 1 and variance 2, and correlates with its neighbours by 1/4.
+    own = np.maximum((v[..., 1:] + v[..., :-1])[..., keep], 1e-300)
     pairs = squared.shape[-1]
-    wanted = max(pairs - sigmas * (3.0 * pairs) ** 0.5, 0.2)
-    tau2 = np.zeros(squared.shape[:-1])
-    for _ in range(40):  # Newton's steps from below on a convex falling function: none overshoots
-        total = own + 2 * tau2[..., None]
-        ratio = squared / total
-        excess = ratio.sum(-1) - wanted
-        slope = 2 * (ratio / total).sum(-1)
-        step = np.where((excess > 0) & (slope > 0), excess / np.where(slope > 0, slope, 1), 0.0)
-        tau2 = tau2 + step
-        if not np.any(step > 1e-9 * tau2):
-            break
-    return tau2
+    wanted = max(pairs * _MEAN_OF_CUT - sigmas * (pairs * _VARIANCE_OF_CUT) ** 0.5, 0.1)
+    low, high = np.zeros(squared.shape[:-1]), squared.sum(-1) / (2 * wanted)
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        above = np.minimum(squared / (own + 2 * middle[..., None]), 1.0).sum(-1) > wanted
+        low, high = np.where(above, middle, low), np.where(above, high, middle)
+    steady = np.minimum(squared / own, 1.0).sum(-1) <= wanted
+    return np.where(steady, 0.0, high)
 
 
 def pooled_mean(y: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -135,7 +138,7 @@ def judge_series(y: FloatArray, v: FloatArray, alpha: float = 0.05, seed: int = 
     p_values = dict(found)
     steps = tuple(
         Step(after.start, after.mean - before.mean, after.variance + before.variance, p_values[after.start])
-        for before, after in zip(segments, segments[1:], strict=False)
+        for before, after in itertools.pairwise(segments)
     )
     return Chart(
         tau2, tuple(segments), steps, level, sigma, deviation, float(limit), smoothed, float(smoothed_limit)
@@ -151,7 +154,7 @@ def _deviations(y: FloatArray, v: FloatArray, breaks: tuple[int, ...]) -> tuple[
     weight = _weight(between_variance(y, v, breaks), v)
     level, left = np.empty_like(y), np.empty_like(y)
     edges = (0, *breaks, y.shape[-1])
-    for start, stop in zip(edges, edges[1:], strict=False):
+    for start, stop in itertools.pairwise(edges):
         mean, variance = pooled_mean(y[..., start:stop], weight[..., start:stop])
         level[..., start:stop] = mean[..., None]
         left[..., start:stop] = variance[..., None]
@@ -163,7 +166,7 @@ def _deviations(y: FloatArray, v: FloatArray, breaks: tuple[int, ...]) -> tuple[
     last = np.zeros(y.shape[:-1])
     variance_left = 1.0
     for i in range(y.shape[-1]):
-        last = (1 - SMOOTHING) * last + SMOOTHING * deviation[..., i]
+        last = (1 - SMOOTHING) * last + SMOOTHING * np.clip(deviation[..., i], -CUT, CUT)
         variance_left *= (1 - SMOOTHING) ** 2
         smoothed[..., i] = last / np.sqrt(SMOOTHING / (2 - SMOOTHING) * (1 - variance_left))
     return level, sigma, deviation, smoothed
