@@ -22,7 +22,7 @@ from rangeeval.many.work import FAILED, Job, Outcome
 
 WAIT_SECONDS = 30.0  # for a scheduler to answer, and for its first worker
 _TAKEN = "its worker died each time it was tried, also with nothing else running"
-_LOSSES = 2  # workers a trial may take with it before dask gives it up (local ones; a cluster has its own setting)
+_LOSSES = 1  # lost workers after which dask gives a trial back to us (a cluster that is there has its own number)
 
 _OF_THREAD = threading.local()  # each thread of a worker keeps one child for all its trials
 
@@ -72,7 +72,8 @@ def cluster_client(address: str) -> Iterator[Any]:
     where = one_line(address, 100)
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
-        client = distributed.Client(address, timeout=WAIT_SECONDS, set_as_default=False)
+        _check_scheme(address)
+        client = distributed.Client(address, timeout=WAIT_SECONDS)
     except (OSError, ValueError, ImportError, RuntimeError) as error:
         raise ClusterLost(
             f"no dask scheduler at {where} ({one_line(error, 100)}); 'dask scheduler' starts one and says its address"
@@ -83,6 +84,14 @@ def cluster_client(address: str) -> Iterator[Any]:
         except TimeoutError:
             raise ClusterLost(f"the scheduler at {where} has no workers; 'dask worker {where}' starts one") from None
         yield client
+
+
+def _check_scheme(address: str) -> None:
+    """Raise ValueError for an address of an unknown kind, on which a client would leave threads behind."""
+    from distributed.comm import parse_address
+    from distributed.comm.registry import get_backend
+
+    get_backend(parse_address(address)[0])
 
 
 def _distributed() -> Any:
