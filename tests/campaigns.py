@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import psutil
+import pytest
 
 import rangeeval
 from rangeeval import flow
@@ -121,19 +122,18 @@ def _acknowledged(log: Path) -> list[tuple[str, str]]:
 
 
 def evaluate_campaign(
-    folder: Path, trials: int, poison: int, worker_kills: int, driver_kills: int, seed: int = 1,
+    folder: Path, trials: int, poison: int, worker_kills: int, driver_kills: int, *, killers: int = 2, seed: int = 1,
     say: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:  # fmt: skip
-    """Evaluate trials of which some kill their process and some their worker, while workers and the driver are killed at
-    random moments; each time the driver dies, the same command goes on.
+    """Evaluate trials of which `poison` kill their process, `killers` of them their worker too, while workers and the
+    driver are killed at random moments; each time the driver dies, the same command goes on.
     """
     rng = random.Random(seed)
     environment = faulty_package(folder / "package")
     bad = set(rng.sample(range(trials), poison))
-    # One in five takes its worker along: each costs a dozen workers till it is named.
-    killers = set(sorted(bad)[: max(1, poison // 5)]) if bad else set()
+    fatal = set(sorted(bad)[:killers])
     for i in range(trials):
-        name = f"{KILLS}-{i}" if i in killers else f"{DIES}-{i}" if i in bad else f"trial-{i}"
+        name = f"{KILLS}-{i}" if i in fatal else f"{DIES}-{i}" if i in bad else f"trial-{i}"
         small_trial(folder / "trials" / f"{i:05d}", i, name=name)
     out = folder / "results"
     moments = sorted(rng.uniform(0.05, 0.9) * (trials - poison) for _ in range(worker_kills))
@@ -164,7 +164,9 @@ def evaluate_campaign(
         if driver.returncode != -signal.SIGKILL:
             break
     seconds = time.perf_counter() - started
-    said = json.loads((folder / "said").read_text(encoding="utf-8"))["trials"]
+    errors = (folder / "errors").read_text(encoding="utf-8", errors="replace")
+    assert driver.returncode in {0, 1}, errors
+    said = json.loads((folder / "said").read_text(encoding="utf-8") or pytest.fail(errors))["trials"]
     failed = {int(Path(one["trial"]).name): one["why"] for one in said if one["status"] == "failed"}
     results = {int(Path(one["trial"]).name): out / one["result"] for one in said if one["status"] == "done"}
     return {
@@ -180,7 +182,7 @@ def evaluate_campaign(
         "results that differ": _differing(folder, results, environment),
         "status": driver.returncode,
         "seconds": round(seconds, 1),
-        "errors": (folder / "errors").read_text(encoding="utf-8", errors="replace")[-2000:],
+        "errors": errors[-2000:],
     }
 
 
@@ -224,6 +226,7 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--trials", type=int, default=1000)
     parser.add_argument("--poison", type=int, default=10)
+    parser.add_argument("--killers", type=int, default=2, help="of the poison, how many kill their worker too")
     parser.add_argument("--worker-kills", type=int, default=20)
     parser.add_argument("--driver-kills", type=int, default=5)
     parser.add_argument("--seed", type=int, default=1)
@@ -233,8 +236,8 @@ def main() -> None:
             found = archive_campaign(Path(scratch), asked.kills, asked.seed)
         else:
             found = evaluate_campaign(
-                Path(scratch), asked.trials, asked.poison, asked.worker_kills, asked.driver_kills, asked.seed,
-                lambda line: print(line, flush=True),
+                Path(scratch), asked.trials, asked.poison, asked.worker_kills, asked.driver_kills,
+                killers=asked.killers, seed=asked.seed, say=lambda line: print(line, flush=True),
             )  # fmt: skip
     for name, value in found.items():
         print(f"{name:34s} {value}")

@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from rangeeval.errors import MissingExtra, RangeevalError, one_line
-from rangeeval.many.child import Child
+from rangeeval.many.child import ATTEMPTS, Child
 from rangeeval.many.work import FAILED, Job, Outcome
 
 WAIT_SECONDS = 30.0  # for a scheduler to answer, and for its first worker
@@ -48,21 +48,31 @@ def local_client(workers: int) -> Iterator[Any]:
     distributed = _distributed()
     import dask
 
-    settings = {"distributed.scheduler.allowed-failures": _LOSSES}
     with (
-        dask.config.set(settings),
-        distributed.LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            host="127.0.0.1",
-            security=distributed.Security.temporary(),
-            dashboard_address=None,
-            memory_limit=0,  # the work is done in children, which dask does not count
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
+        dask.config.set({"distributed.scheduler.allowed-failures": _LOSSES}),
+        _local_cluster(distributed, workers) as cluster,
         distributed.Client(cluster) as client,
     ):
         yield client
+
+
+def _local_cluster(distributed: Any, workers: int) -> Any:
+    """Scheduler and workers. A worker that dies before it is up makes dask give up; then all are started again."""
+    for attempt in range(ATTEMPTS):
+        try:
+            return distributed.LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                host="127.0.0.1",
+                security=distributed.Security.temporary(),
+                dashboard_address=None,
+                memory_limit=0,  # the work is done in children, which dask does not count
+                silence_logs=logging.CRITICAL,
+            )
+        except (RuntimeError, OSError) as error:
+            if attempt == ATTEMPTS - 1:
+                raise ClusterLost(f"the workers could not be started ({one_line(error, 200)})") from error
+    raise AssertionError("unreachable")
 
 
 @contextlib.contextmanager

@@ -110,10 +110,18 @@ def test_without_the_extra_several_workers_say_which(monkeypatch):
 
 
 def test_kills_lose_no_good_trial_and_name_the_guilty(tmp_path):
-    """A trial that kills its process and one that kills its worker, a worker and the driver killed from outside."""
-    found = evaluate_campaign(tmp_path, trials=10, poison=2, worker_kills=1, driver_kills=1)
+    """A trial that kills its process, a worker and the driver killed from outside."""
+    found = evaluate_campaign(tmp_path, trials=8, poison=1, worker_kills=1, driver_kills=1, killers=0)
     assert broken(found) == [], found
-    assert (found["poison named"], found["driver killed"], found["workers killed"]) == (2, 1, 1), found
+    assert (found["poison named"], found["driver killed"], found["workers killed"]) == (1, 1, 1), found
+
+
+@pytest.mark.slow
+def test_a_trial_that_kills_its_worker_is_named_and_its_neighbours_are_done(tmp_path):
+    """After it was tried again with nothing else running."""
+    found = evaluate_campaign(tmp_path, trials=8, poison=2, worker_kills=0, driver_kills=0, killers=2)
+    assert broken(found) == [], found
+    assert found["poison named"] == 2, found
 
 
 @pytest.mark.slow
