@@ -29,6 +29,7 @@ HEADLINES = {
 # Analyses whose short form is not one table of bins by quantities: module:function(result, caption, summary) -> tables.
 SHORT_TABLES = {
     "attitude": "rangeeval.reporting.attitude_tables:short_tables",
+    "compare": "rangeeval.reporting.sections.compare:short_tables",
     "rcs": "rangeeval.reporting.sections.rcs:short_tables",
 }
 

@@ -17,6 +17,7 @@ from rangeeval.reporting.sections.common import inputs_section, plain_section, s
 
 SECTIONS: dict[str, str] = {
     "check": "rangeeval.reporting.sections.check:sections",
+    "compare": "rangeeval.reporting.sections.compare:sections",
     "accuracy": "rangeeval.reporting.sections.accuracy:sections",
     "rcs": "rangeeval.reporting.sections.rcs:sections",
     "attitude": "rangeeval.reporting.sections.attitude:sections",
