@@ -153,8 +153,8 @@ def compare(
 ) -> Result:
     """Trials side by side, each against the first, in whatever form each is at hand.
 
-    `plan_of`, `progress`: as of `results_of`. `choices`: those of `comparison.Method` (`confidence`, `margin`, `adjust`,
-    `quantities`, ...). Raises what `results_of` and `comparison.compare` raise.
+    `plan_of`, `progress`: as of `results_of`. `choices`: those of `comparison.Method` (`confidence`, `margin`,
+    `adjust`, `quantities`, ...). Raises what `results_of` and `comparison.compare` raise.
     """
     from rangeeval.comparison import Method
     from rangeeval.comparison import compare as against_the_first

@@ -1,4 +1,4 @@
-"""The chapter on a comparison: verdicts, ratio or difference per bin, both curves over each other, what was not alike."""
+"""The chapter on a comparison: verdicts, ratio or difference per bin, the curves, and what was not alike."""
 
 from __future__ import annotations
 
@@ -17,6 +17,12 @@ from rangeeval.reporting.wording import (
     quantity_name,
 )
 from rangeeval.units import shown, shown_variable
+
+NAME = "Comparison"
+NOTE = (
+    "Each trial against {reference}; p adjusted over {tests} tests ({adjust}); ratios within {margin:.0%} count as "
+    "equivalent."
+)
 
 VERDICTS = ("better", "worse", "equivalent", "inconclusive")
 _ADJUSTED = {
@@ -181,8 +187,8 @@ def _effects(result: Result) -> Figure:
         panels.append([Panel(f"{quantity_name(quantity)}: {what}", x_label, what, marks, y_log=ratio, share_x="bins")])
     confidence = result.settings["confidence"] * 100
     caption = (
-        f"Each trial against {result.settings['reference']} per bin, with {confidence:g} % intervals of the single bin: "
-        "among many bins some exclude “the same” by chance, which the verdicts allow for."
+        f"Each trial against {result.settings['reference']} per bin, with {confidence:g} % intervals of the single "
+        "bin: among many bins some exclude “the same” by chance, which the verdicts allow for."
     )
     return Figure(caption, _alt(result), panels or [[_whole(result)]], size="normal")
 
@@ -265,9 +271,9 @@ def _method(result: Result) -> list[Block]:
         Paragraph(
             f"Equivalent: two one-sided tests, adjusted in the same way, show the ratio within "
             f"{1 / (1 + s['margin']):.3f} to {1 + s['margin']:.3f}"
-            f"{f', and within the stated margin of {within}' if within else ''}. A difference in its own unit is judged "
-            "equivalent only where a margin was stated. “More samples” is how many more each trial would need until a "
-            "test decides, if the estimates stay as they are."
+            f"{f', and within the stated margin of {within}' if within else ''}. A difference in its own unit is "
+            "judged equivalent only where a margin was stated. “More samples” is how many more each trial would need "
+            "until a test decides, if the estimates stay as they are."
         ),
     ]  # fmt: skip
 
