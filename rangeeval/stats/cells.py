@@ -27,8 +27,8 @@ Array = NDArray[np.float64]
 
 LAGS = 40  # 10 log10 N up to N = 10,000; beyond that more lags change n_eff by less than its own error
 KEPT = 4096
-(VALUE, TIME, RANGE, SNR, WEIGHT, ANGLE_WEIGHT) = range(6)  # rows of the samples kept
-_FIELDS = 6
+(VALUE, TIME, RANGE, SNR, WEIGHT, ANGLE_WEIGHT, TRACK) = range(7)  # rows of the samples kept
+_FIELDS = 7
 STEP = 0.2  # a gain change of more than this is a jump
 _GAP = 4.5  # an interval of more than this many usual ones is a coast of more than a few updates
 _OCTAVES = 48
@@ -346,6 +346,7 @@ def _add(  # type: ignore[no-untyped-def]
                 kept[c, SNR, place] = snr[j] if with_snr else 0.0
                 kept[c, WEIGHT, place] = q
                 kept[c, ANGLE_WEIGHT, place] = on_angle
+                kept[c, TRACK, place] = t
 
 
 def _grown(array: NDArray[np.generic], rows: int) -> NDArray[np.generic]:
@@ -532,6 +533,11 @@ class Cell:
         none = np.zeros(LAGS + 1)
         return LagSums(0.0, int(self.sums[LONGEST]), pairs, products, none, none)
 
+    def squares(self, weight: int, mean: float) -> Array:
+        """The weighted squares of the samples kept about a mean."""
+        parts: Array = self.kept[weight] * (self.kept[VALUE] - mean) ** 2
+        return parts
+
     def weight_spread(self, weight: int) -> float:
         """Mean square of the weights of the samples kept over the square of their mean: 1 when all are equal."""
         w = self.kept[weight]
@@ -543,7 +549,7 @@ class Cell:
 
         3 for normal samples that all tell as much of the weighted sum of squares; more where a few carry it.
         """
-        parts = self.kept[weight] * (self.kept[VALUE] - mean) ** 2
+        parts = self.squares(weight, mean)
         total = float(parts.sum())
         return parts.size * float(parts @ parts) / total**2 if total > 0.0 else math.nan
 

@@ -14,6 +14,8 @@ from scipy import special
 
 FloatArray = NDArray[np.float64]
 
+LONG_MEMORY = 40  # lags beyond which a longer memory is extrapolated
+
 
 @dataclass(frozen=True)
 class LagSums:
@@ -183,7 +185,7 @@ def effective_samples_of(values: ArrayLike, stretch: ArrayLike | None = None) ->
     mark = None if stretch is None else np.asarray(stretch).ravel()
     n = int(np.count_nonzero(np.isfinite(x)))
     longest = _longest(mark, x.size)
-    lags = max(default_lags(n, longest), 1 + mean_lags(n, longest))
+    lags = max(min(longest - 1, n // 4, LONG_MEMORY), 1 + mean_lags(n, longest), 0)
     return effective_samples_from(lag_sums(x, lags, mark, origin=_centre(x)))
 
 
@@ -204,17 +206,40 @@ def effective_samples_from(own: LagSums, known: LagSums | None = None) -> float:
     rho = source.correlation_of_pairs()
     if n < 2 or not np.isfinite(rho[0]):
         return n if n < 2 else float("nan")
-    lags = min(default_lags(int(n), own.longest), rho.size - 1, own.pairs.size - 1)
-    usable = np.isfinite(rho[1 : lags + 1])
-    rho, pairs = rho[1 : lags + 1][usable], source.pairs[1 : lags + 1][usable]
-    rho = rho + mean_memory(source).inflation / ns  # what the removed mean takes from every product
-    inflation = max((1 + 2 * float(np.sum(pairs * rho**2)) / ns) / (1 + 2 * rho.size / ns), 1.0)
-    noise = inflation / pairs
-    weights = own.pairs[1 : lags + 1][usable] / n
-    squares = rho**2 - noise
-    scatter = float(np.sum(weights**2 * squares * noise))
-    f = max(1 + 2 * float(np.sum(weights * squares)), 1.0) + 4 * np.sqrt(max(scatter, 0.0))
+    there = min(rho.size, own.pairs.size, int(np.count_nonzero(np.isfinite(rho)))) - 1
+    rho = rho[1 : there + 1] + mean_memory(source).inflation / ns  # what the removed mean takes from every product
+    pairs, weights = source.pairs[1 : there + 1], own.pairs[1 : there + 1] / n
+    lags = min(default_lags(int(n), own.longest), there)
+    squares, noise = _debiased(rho[:lags], pairs[:lags], ns)
+    tail = 0.0
+    if lags >= 10 and float(squares[-5:].mean()) > 2 * float(noise[-1]):  # the memory is longer than that
+        lags = min(there, int(n) // 4, own.longest - 1)
+        squares, noise = _debiased(rho[:lags], pairs[:lags], ns)
+        tail = _tail(squares, n / max(n - float(own.pairs[1]), 1.0))
+    scatter = float(np.sum(weights[:lags] ** 2 * squares * noise))
+    f = max(1 + 2 * (float(np.sum(weights[:lags] * squares)) + tail), 1.0) + 4 * np.sqrt(max(scatter, 0.0))
     return float(min(max(n / f, 2.0), n))
+
+
+def _debiased(rho: FloatArray, pairs: FloatArray, n: float) -> tuple[FloatArray, FloatArray]:
+    """Squares of the true correlations, from estimated ones, and the variance of the estimates.
+
+    The variance is F (1 - rho^2)^2 / pairs: Bartlett's F / pairs far out, and about that of AR(1) at the first lags.
+    """
+    known = (1 - np.clip(rho**2, 0.0, 1.0)) ** 2
+    inflation = max((1 + 2 * float(np.sum(pairs * rho**2)) / n) / (1 + 2 * float(known.sum()) / n), 1.0)
+    noise = inflation * known / pairs
+    return rho**2 - noise, noise
+
+
+def _tail(squares: FloatArray, length: float) -> float:
+    """The sum beyond the last lag, where squares fall on as over the last ten, in stretches of this length."""
+    last, before = max(float(squares[-5:].mean()), 0.0), max(float(squares[-10:-5].mean()), 0.0)
+    if not last > 0.0:
+        return 0.0
+    fall = min((last / before) ** 0.2, 1.0) if before > 0.0 else 1.0
+    k = np.arange(squares.size + 1, max(int(length), squares.size) + 1)
+    return float(np.sum(np.clip(1 - k / length, 0.0, None) * last * fall ** (k - squares.size + 2)))
 
 
 def mean_lags(n: float, longest: int) -> int:

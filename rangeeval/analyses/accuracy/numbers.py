@@ -16,6 +16,7 @@ from rangeeval.model.settings import Radar
 from rangeeval.physics.measurement import angle_sigma, filtered_sigma, range_sigma, snr_from_db, snr_to_db
 from rangeeval.stats import cells as c
 from rangeeval.stats.cells import Cell
+from rangeeval.stats.clusters import cluster_excess
 from rangeeval.stats.correlation import LagSums, MeanMemory, effective_samples_from, ljung_box, mean_memory
 from rangeeval.stats.diagnostics import (
     MAD_TO_SIGMA,
@@ -48,8 +49,9 @@ ALIKE = 2.33  # one-sided 1 %: manoeuvre beyond the gains' design is where inter
 OWN_BIN_CORRELATION = 100  # samples; bins with fewer borrow the correlation of all bins of their group
 OWN_VARIANCES = 1000
 SHAPIRO_BELOW = 100
+TRACKS_DIFFER = 0.05  # level of the test
 UNEVEN_WEIGHTS = 1.01  # mean square of the weights over their squared mean
-UNEVEN_LEVEL = 0.05  # of the tests for one variance over SNR and range
+UNEVEN_LEVEL = 0.01  # of the tests for one variance over SNR and range
 MAD_EFFICIENCY = 0.3675  # of the median absolute deviation against the standard deviation, for normal samples
 
 
@@ -156,7 +158,15 @@ def _memory(cell: Cell, shared: LagSums | None) -> Memory:
     if n < 2 or not own.products[0] > 0:
         return Memory(np.array([1.0]), float(n), MeanMemory(1.0, max(n - 1.0, 1.0)))
     known = shared if n < OWN_BIN_CORRELATION else None
-    return Memory(own.autocorrelation(), effective_samples_from(own, known), mean_memory(own))
+    return Memory(own.autocorrelation(), effective_samples_from(own, known), _mean_of_tracks(cell, mean_memory(own)))
+
+
+def _mean_of_tracks(cell: Cell, memory: MeanMemory) -> MeanMemory:
+    """The memory of a mean; where tracks differ by more than their samples explain, the tracks count as the samples."""
+    values = cell.kept[c.VALUE]
+    expected = values.size * memory.inflation * float(cell.sums[c.M2]) / (cell.n - 1)
+    excess = cluster_excess(values, cell.kept[c.TRACK], expected, TRACKS_DIFFER)
+    return MeanMemory(memory.inflation * excess.ratio, min(memory.dof, excess.dof))
 
 
 def _shared_correlations(cells: Mapping[Place, Cell]) -> dict[tuple[str, str], LagSums]:
@@ -174,10 +184,11 @@ def _shared_correlations(cells: Mapping[Place, Cell]) -> dict[tuple[str, str], L
 def _freedom(
     cell: Cell, memory: Memory, sigmas: Sigmas, flags: tuple[str, ...], p: Mapping[str, float], *, paper: bool
 ) -> Freedom:
-    """Fewer degrees of freedom where tails are heavy, and where a few samples carry a sum of squares.
+    """Fewer degrees of freedom where tails are heavy, where a few samples carry a sum of squares, where tracks differ.
 
     The angle of a close target weighs a sample with 1 / R^2; gains, SNR and range that change inside a bin do the like.
-    The kurtosis of the weighted samples says how much, and is believed where something says that they are uneven.
+    The kurtosis of the weighted samples says how much, and is believed where something says that they are uneven. Where
+    tracks differ by more than their samples explain (another path past the radar, a manoeuvre), the tracks count.
     """
     n, s = cell.n, cell.sums
     if n < 2:
@@ -187,18 +198,23 @@ def _freedom(
     varies = any(p[f"{name}_homogeneity"] < UNEVEN_LEVEL for name in ("snr", "range"))
     mean = 0.0 if paper else sigmas.mean
 
-    def freedom(kurtosis: float, *, uneven: bool) -> float:
+    def freedom(kurtosis: float, squares: Array, *, uneven: bool) -> float:
         if heavy and kurtosis > 3.0:
-            return _positive(float(degrees_of_freedom(memory.n_eff, kurtosis=kurtosis)))
-        # The kurtosis of n samples is at most n, and falls short the more the nearer it comes to that.
-        share = 3.0 / max(kurtosis * (1.0 + kurtosis / n), 3.0) if uneven and kurtosis > 0.0 else 1.0
-        return _positive(float(degrees_of_freedom(memory.n_eff)) * share)
+            nu = _positive(float(degrees_of_freedom(memory.n_eff, kurtosis=kurtosis)))
+        else:
+            # The kurtosis of n samples is at most n, and falls short the more the nearer it comes to that.
+            share = 3.0 / max(kurtosis * (1.0 + kurtosis / n), 3.0) if uneven and kurtosis > 0.0 else 1.0
+            nu = _positive(float(degrees_of_freedom(memory.n_eff)) * share)
+        expected = 2.0 * float(squares.sum()) ** 2 * n / (nu * squares.size)
+        level = TRACKS_DIFFER if 2.0 * nu > memory.n_eff else 0.5  # few samples carry the sum: the test sees little
+        return nu / cluster_excess(squares, cell.kept[c.TRACK], expected, level).allowance
 
     def weighted(row: int) -> float:
-        return freedom(cell.weighted_kurtosis(row, mean), uneven=varies or cell.weight_spread(row) > UNEVEN_WEIGHTS)
+        uneven = varies or cell.weight_spread(row) > UNEVEN_WEIGHTS
+        return freedom(cell.weighted_kurtosis(row, mean), cell.squares(row, mean), uneven=uneven)
 
     return Freedom(
-        freedom(plain, uneven=varies),
+        freedom(plain, (cell.kept[c.VALUE] - mean) ** 2, uneven=varies),
         weighted(c.WEIGHT),
         weighted(c.ANGLE_WEIGHT),
         _positive(MAD_EFFICIENCY * float(degrees_of_freedom(memory.n_eff))),
