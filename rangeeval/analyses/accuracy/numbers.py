@@ -51,7 +51,6 @@ OWN_VARIANCES = 1000
 SHAPIRO_BELOW = 100
 TRACKS_DIFFER = 0.05  # level of the test
 UNEVEN_WEIGHTS = 1.01  # mean square of the weights over their squared mean
-UNEVEN_LEVEL = 0.01  # of the tests for one variance over SNR and range
 MAD_EFFICIENCY = 0.3675  # of the median absolute deviation against the standard deviation, for normal samples
 
 
@@ -181,9 +180,7 @@ def _shared_correlations(cells: Mapping[Place, Cell]) -> dict[tuple[str, str], L
     return totals
 
 
-def _freedom(
-    cell: Cell, memory: Memory, sigmas: Sigmas, flags: tuple[str, ...], p: Mapping[str, float], *, paper: bool
-) -> Freedom:
+def _freedom(cell: Cell, memory: Memory, sigmas: Sigmas, flags: tuple[str, ...], *, paper: bool) -> Freedom:
     """Fewer degrees of freedom where tails are heavy, where a few samples carry a sum of squares, where tracks differ.
 
     The angle of a close target weighs a sample with 1 / R^2; gains, SNR and range that change inside a bin do the like.
@@ -195,7 +192,7 @@ def _freedom(
         return Freedom(*[math.nan] * 4)
     plain = float(jarque_bera_from_moments(n, s[c.M2], s[c.M3], s[c.M4]).kurtosis)
     heavy = "not-normal" in flags
-    varies = any(p[f"{name}_homogeneity"] < UNEVEN_LEVEL for name in ("snr", "range"))
+    varies = not {"snr-varies", "range-varies"}.isdisjoint(flags)
     mean = 0.0 if paper else sigmas.mean
 
     def freedom(kurtosis: float, squares: Array, *, uneven: bool) -> float:
@@ -256,7 +253,7 @@ def _here(
     sigmas = _sigmas(cell, method)
     p_values = _p_values(cell, memory, sigmas)
     flags = _flags(axis, cell, memory, sigmas, p_values, sigma_range, method)
-    freedom = _freedom(cell, memory, sigmas, flags, p_values, paper=method.paper)
+    freedom = _freedom(cell, memory, sigmas, flags, paper=method.paper)
     return Here(axis, cell, place, method, memory, sigmas, p_values, flags, freedom)
 
 
