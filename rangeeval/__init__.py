@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rangeeval.analyses.accuracy import accuracy
     from rangeeval.analyses.attitude import attitude, correct_plots
     from rangeeval.analyses.rcs import rcs
-    from rangeeval.flow import check, evaluate, report
+    from rangeeval.flow import check, compare, evaluate, report
     from rangeeval.model import Bins, Result, Trial, log_of
     from rangeeval.parsers import open_trial
 
@@ -28,6 +28,7 @@ _WHERE = {
     "correct_plots": "rangeeval.analyses.attitude",
     "evaluate": "rangeeval.flow",
     "check": "rangeeval.flow",
+    "compare": "rangeeval.flow",
     "report": "rangeeval.flow",
     "Bins": "rangeeval.model",
     "Result": "rangeeval.model",
@@ -42,6 +43,7 @@ __all__ = [
     "accuracy",
     "attitude",
     "check",
+    "compare",
     "correct_plots",
     "evaluate",
     "log_of",

@@ -24,6 +24,7 @@ COMMANDS: dict[str, str] = {
     "attitude": "rangeeval.cli.attitude:attitude",
     "rcs": "rangeeval.cli.rcs:rcs",
     "check": "rangeeval.cli.check:check",
+    "compare": "rangeeval.cli.compare:compare",
     "simulate": "rangeeval.cli.simulate:simulate",
 }
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 Numbers = Sequence[float] | NDArray[np.floating] | NDArray[np.integer]
 
 NoticeLevel = Literal["info", "good", "caution", "bad"]
-Verdict = Literal["", "pass", "fail", "inconclusive", "info"]
+Verdict = Literal["", "pass", "fail", "inconclusive", "info", "better", "worse", "equivalent"]
 MarkKind = Literal["points", "line", "step", "bars", "stems", "band", "errorbars", "rule", "text"]
 FigureSize = Literal["compact", "normal", "tall"]
 

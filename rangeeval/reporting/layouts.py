@@ -23,6 +23,7 @@ from typing import Any
 
 LAYOUTS: dict[str, str] = {
     "check": "rangeeval.reporting.sections.check",
+    "compare": "rangeeval.reporting.sections.compare",
     "accuracy": "rangeeval.reporting.sections.accuracy",
     "rcs": "rangeeval.reporting.sections.rcs",
     "attitude": "rangeeval.reporting.sections.attitude",

@@ -45,10 +45,10 @@ def text_of(table: Table, stream: IO[str] | None = None) -> str:
     sides = {"l": "left", "r": "right", "c": "center"}
     for head, align in zip(table.head, table.alignment, strict=True):
         rich.add_column(Text(one_line(head)), justify=sides[align])  # type: ignore[arg-type]
-    colour = {"pass": "green", "fail": "red", "inconclusive": "yellow"}
+    colour = {"pass": "green", "better": "green", "fail": "red", "worse": "red", "inconclusive": "yellow"}
     for row in table.rows:
         cells = [c if isinstance(c, Cell) else Cell(c) for c in row]
-        rich.add_row(*(Text(_plain(c.text or c.verdict), style=colour.get(c.verdict, "")) for c in cells))
+        rich.add_row(*(Text(_plain(f"{c.verdict} {c.text}".strip()), style=colour.get(c.verdict, "")) for c in cells))
     console.print(rich)
     text: str = console.file.getvalue()  # type: ignore[attr-defined]
     return "\n".join(line.rstrip() for line in text.splitlines()) + "\n"
