@@ -101,12 +101,17 @@ def provenance(trial: Trial) -> dict[str, Any]:
         "settings": without_nan(dataclasses.asdict(trial.settings)),
         "inputs": [{"file": s.name, "format": s.format, "kind": s.kind, "bytes": s.size, "sha256": digests[s.name]}
                    for s in trial.sources],
-        "versions": {
-            "rangeeval": rangeeval.__version__,
-            "python": platform.python_version(),
-            **{name: importlib.metadata.version(name) for name in _VERSIONS},
-        },
+        "versions": versions(),
     }  # fmt: skip
+
+
+def versions() -> dict[str, str]:
+    """The software that makes results: rangeeval, Python and the packages below it."""
+    return {
+        "rangeeval": rangeeval.__version__,
+        "python": platform.python_version(),
+        **{name: importlib.metadata.version(name) for name in _VERSIONS},
+    }
 
 
 def write_report(results: Sequence[Result], directory: str | os.PathLike[str]) -> list[Path]:

@@ -23,8 +23,10 @@ COMMANDS: dict[str, str] = {
     "accuracy": "rangeeval.cli.accuracy:accuracy",
     "attitude": "rangeeval.cli.attitude:attitude",
     "rcs": "rangeeval.cli.rcs:rcs",
+    "evaluate": "rangeeval.cli.evaluate:evaluate",
     "check": "rangeeval.cli.check:check",
     "compare": "rangeeval.cli.compare:compare",
+    "catalog": "rangeeval.cli.catalog:catalog",
     "simulate": "rangeeval.cli.simulate:simulate",
 }
 

@@ -27,6 +27,7 @@ LAYOUTS: dict[str, str] = {
     "accuracy": "rangeeval.reporting.sections.accuracy",
     "rcs": "rangeeval.reporting.sections.rcs",
     "attitude": "rangeeval.reporting.sections.attitude",
+    "trend": "rangeeval.reporting.sections.trend",
 }
 
 
