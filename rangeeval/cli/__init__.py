@@ -23,6 +23,7 @@ COMMANDS: dict[str, str] = {
     "accuracy": "rangeeval.cli.accuracy:accuracy",
     "attitude": "rangeeval.cli.attitude:attitude",
     "rcs": "rangeeval.cli.rcs:rcs",
+    "bearing": "rangeeval.cli.bearing:bearing",
     "check": "rangeeval.cli.check:check",
     "simulate": "rangeeval.cli.simulate:simulate",
 }

@@ -52,9 +52,9 @@ def views(figure: Figure) -> dict[tuple[int, int], tuple[Range, Range]]:
 def _view(panel: Panel) -> tuple[Range, Range]:
     heats = [mark for mark in panel.marks if mark.kind == "heat" and len(mark.z)]
     if heats and not (panel.x_log or panel.y_log):  # they fill their panel
-        edges = [np.concatenate([floats(getattr(mark, name)) for mark in heats]) for name in "xy"]
-        full_x, full_y = ((float(e.min()), float(e.max())) for e in edges)
-        return panel.x_limits or full_x, panel.y_limits or full_y
+        edges_x, edges_y = (np.concatenate([floats(getattr(mark, name)) for mark in heats]) for name in "xy")
+        y_ends = (float(edges_y.min()), float(edges_y.max()))
+        return panel.x_limits or _padded([edges_x], False, 0.005), panel.y_limits or y_ends
     across = [floats(mark.x) for mark in panel.marks]
     up = [floats(part) for mark in panel.marks for part in (mark.y, mark.low, mark.high)]
     based = any(mark.kind in ("bars", "stems") for mark in panel.marks) and not panel.y_log

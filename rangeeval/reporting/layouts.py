@@ -26,6 +26,7 @@ LAYOUTS: dict[str, str] = {
     "accuracy": "rangeeval.reporting.sections.accuracy",
     "rcs": "rangeeval.reporting.sections.rcs",
     "attitude": "rangeeval.reporting.sections.attitude",
+    "bearing": "rangeeval.reporting.sections.bearing",
 }
 
 

@@ -5,8 +5,8 @@ hundred panels. A test reads what is written here back through bokeh's own class
 that means something else is noticed.
 
 Series longer than `EXACT` travel as 16-bit steps of the range they span, finer than a pixel, which the boot
-script turns back into doubles (as it does with the levels of a heat map). That is half the size of single precision and, unlike it, does not blur times
-that are counted from 1970.
+script turns back into doubles (as it does with the levels of a heat map). That is half the size of single precision
+and, unlike it, does not blur times that are counted from 1970.
 """
 
 from __future__ import annotations

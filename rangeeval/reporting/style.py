@@ -19,7 +19,7 @@ GRID = "#e3e8ed"
 FRAME = "#9aa7b3"
 
 
-HEAT = ("#FFFFFF", "#D9DFE5", "#A3AFBA", "#6B7986", "#3B4752")  # from low to high: greys, under coloured lines
+HEAT = ("#FFFFFF", "#E3E8ED", "#C3CCD4", "#9DA9B5", "#76838F")  # from low to high: greys, under coloured lines
 HEAT_LEVELS = 64
 
 
