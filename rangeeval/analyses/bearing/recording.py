@@ -119,7 +119,8 @@ def gather_recording(
 def _read(
     log: Log, span: tuple[float, float], progress: Callable[[int], None] | None
 ) -> tuple[Floats, NDArray[Any], list[Problem]]:
-    times, parts, problems, held = [], [], [], 0
+    times, parts, held = [], [], 0
+    problems: list[Problem] = []
     for piece in log.pieces(("time_s", "samples")):
         problems += piece.problems
         time = piece.floats("time_s")
@@ -223,8 +224,8 @@ def _apart(
     if (high - low) / line > MOST_BINS:
         raise InputError(
             f"{where}: the band {low:g} to {high:g} Hz has {(high - low) / line:.0f} bins in blocks of "
-            f"{length / rate:g} s; at most {MOST_BINS} are used: give a narrower band_hz or a smaller block_s in [array] "
-            "of trial.toml"
+            f"{length / rate:g} s; at most {MOST_BINS} are used: give a narrower band_hz or a smaller block_s in "
+            "[array] of trial.toml"
         )
     found = bin_snapshots(samples, rate, length, band_hz=(low, high))
     centre = np.asarray(found.centre_sample)
