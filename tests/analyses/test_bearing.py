@@ -345,12 +345,16 @@ def test_times_out_of_order_and_repeated() -> None:
 
 
 def test_a_mirrored_recording_is_told_where_the_array_can() -> None:
-    """Conjugated samples of an array without symmetry are flagged; `conjugate` mends them; a line cannot tell."""
+    """An arc that hears one half sees conjugated samples come from behind; `conjugate` mends them; a line cannot tell."""
     truth = np.full((400, 1), 40.0)
-    samples = received(CROSS, truth, wavelength=WAVELENGTH).conj()
-    result = rangeeval.bearing(trial_of(samples, CROSS, targets=1))
+    samples = received(ARC, truth).conj()
+    half = {"sector_deg": (-90.0, 90.0), "targets": 1}
+    result = rangeeval.bearing(trial_of(samples, ARC, **half))
     assert "mirrored" in value(result, "beam_width").flags
     assert any("conjugate" in p.reason for p in result.problems)
+    right = rangeeval.bearing(trial_of(samples.conj(), ARC, **half))
+    assert "mirrored" not in value(right, "beam_width").flags
+    assert math.degrees(value(right, "bearing_last", "1").value) == pytest.approx(40.0, abs=1.0)
     line = rangeeval.bearing(trial_of(received(LINE, truth).conj(), LINE, targets=1))
     assert "mirrored" not in value(line, "beam_width").flags
     assert line.settings["tells_mirror"] is False

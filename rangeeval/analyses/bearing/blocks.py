@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from rangeeval.analyses.bearing.recording import Recording
 from rangeeval.arrays.bounds import beam_width
-from rangeeval.arrays.spectra import beamformer, capon, count_sources, covariance, music_spectrum
+from rangeeval.arrays.counting import count_sources
+from rangeeval.arrays.spectra import beamformer, capon, covariance, music_spectrum
 
 Floats = NDArray[np.float64]
 
