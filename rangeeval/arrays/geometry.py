@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,7 +42,6 @@ class ArrayGeometry:
     facing_rad: Array | None = None
     elevation_rad: float = 0.0
     sector_rad: tuple[float, float] | None = None
-    _given_facing: bool = field(default=False, init=False, repr=False)
 
     def __post_init__(self) -> None:
         position = np.array(self.sensor_position_m, dtype=np.float64)
@@ -63,7 +63,6 @@ class ArrayGeometry:
         sensors = len(position)
         object.__setattr__(self, "sensor_position_m", position)
         object.__setattr__(self, "frequency_hz", frequency)
-        object.__setattr__(self, "_given_facing", self.facing_rad is not None)
         if self.facing_rad is None:
             away = position[:, :2] - position[:, :2].mean(axis=0)
             facing = np.zeros(sensors) if self.linear else np.arctan2(away[:, 1], away[:, 0])
@@ -199,5 +198,5 @@ def cylinder(
     )
 
 
-def _first(mask: NDArray[np.bool_]) -> int:
+def _first(mask: Any) -> int:
     return int(np.argmax(mask))

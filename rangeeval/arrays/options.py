@@ -53,7 +53,8 @@ class PastOptions:
     measurement_variance : r, of the angular innovation, rad^2; only q / r matters to the bearings.
     lag_compensation : take the innovation where the target was at the mean age of the window.
     hard_coasting_rad : leave the innovation out while another target is predicted nearer than this.
-    soft_coasting : kappa: the innovation's variance is at least kappa times the one-snapshot Cramer-Rao bound.
+    soft_coasting : kappa: the innovation's variance is at least kappa times the Cramer-Rao bound of the window.
+    source_power : of every target at a sensor, for soft coasting; None: estimated from the snapshots.
     start : uncertainty of the start.
     """
 
@@ -63,6 +64,7 @@ class PastOptions:
     lag_compensation: bool = False
     hard_coasting_rad: float | None = None
     soft_coasting: float | None = None
+    source_power: float | None = None
     start: StartUncertainty = StartUncertainty()
 
     def __post_init__(self) -> None:
