@@ -27,6 +27,7 @@ FORBIDDEN = {
     "stats": {"pandas", "matplotlib", "pathlib", "os"},
     "physics": {"pandas", "matplotlib", "pathlib", "os"},
     "tracking": {"pandas", "matplotlib", "pathlib", "os"},
+    "arrays": {"pandas", "matplotlib", "pathlib", "os"},
 }
 
 

@@ -23,9 +23,10 @@ COMMANDS: dict[str, str] = {
     "accuracy": "rangeeval.cli.accuracy:accuracy",
     "attitude": "rangeeval.cli.attitude:attitude",
     "rcs": "rangeeval.cli.rcs:rcs",
-    "evaluate": "rangeeval.cli.evaluate:evaluate",
+    "bearing": "rangeeval.cli.bearing:bearing",
     "check": "rangeeval.cli.check:check",
     "compare": "rangeeval.cli.compare:compare",
+    "evaluate": "rangeeval.cli.evaluate:evaluate",
     "catalog": "rangeeval.cli.catalog:catalog",
     "simulate": "rangeeval.cli.simulate:simulate",
 }

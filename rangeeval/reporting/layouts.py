@@ -28,6 +28,7 @@ LAYOUTS: dict[str, str] = {
     "rcs": "rangeeval.reporting.sections.rcs",
     "attitude": "rangeeval.reporting.sections.attitude",
     "trend": "rangeeval.reporting.sections.trend",
+    "bearing": "rangeeval.reporting.sections.bearing",
 }
 
 

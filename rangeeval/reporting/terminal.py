@@ -90,6 +90,15 @@ def inspection_text(found: Sequence[Mapping[str, Any]], stream: IO[str] | None =
     return "\n".join(_inspected(item, stream) for item in found)
 
 
+def _fact(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.9g}"
+    if isinstance(value, (list, tuple)):
+        shown = [f"({', '.join(map(_fact, v))})" if isinstance(v, (list, tuple)) else _fact(v) for v in value]
+        return ", ".join(shown[:8]) + (f", ... ({len(shown)})" if len(shown) > 8 else "")
+    return str(value)
+
+
 def _inspected(item: Mapping[str, Any], stream: IO[str] | None) -> str:
     first, last = item["first_time_s"], item["last_time_s"]
     span = "no times" if first is None else f"{first:g} to {last:g} s ({last - first:g} s)"
@@ -105,6 +114,7 @@ def _inspected(item: Mapping[str, Any], stream: IO[str] | None) -> str:
         ["time", span],
         ["gaps", gaps],
     ]
+    facts += [[name.replace("_", " "), _fact(value)] for name, value in (item.get("array") or {}).items()]
     columns = []
     for c in item["columns"]:
         missing = f"{c['missing']:,} missing" if c["missing"] else ""
