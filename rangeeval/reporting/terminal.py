@@ -8,39 +8,21 @@ from typing import IO, TYPE_CHECKING, Any
 
 from rangeeval.errors import one_line
 from rangeeval.reporting.blocks import Cell, Table
-from rangeeval.reporting.tables import short_tables, verdict_table
+from rangeeval.reporting.layouts import heading, own
+from rangeeval.reporting.tables import short_tables
 from rangeeval.reporting.wording import NBSP
 
 if TYPE_CHECKING:
     from rangeeval.model import Result
 
 _WIDE = 200  # columns when the output is no terminal
-_NOTE = {
-    "accuracy": (
-        "σ: random error only, with its {confidence:.0%} interval. "
-        "A constant bias leaves no trace in residuals and is not in these numbers."
-    ),
-    "rcs": (
-        "Intervals: {confidence:.0%}. {case_verdict} "
-        "An error of the radar equation goes straight into the RCS and is in no interval."
-    ),
-    "attitude": (
-        "Intervals: {confidence:.0%}. The pair's attitude stands for the truth; sway of the rotation centre, "
-        "bias and wrong radii are not in its σ but in the budget (--format json)."
-    ),
-    "check": "All bins: the verdict at the level that holds for all bins of the requirement together (Bonferroni).",
-}
 
 
 def as_text(result: Result, stream: IO[str] | None = None) -> str:
-    """The result's short table as text, in colour when `stream` is a terminal."""
-    tables = (
-        [verdict_table(result, caption="Requirements")]
-        if result.analysis == "check"
-        else short_tables(result, caption=result.analysis.capitalize())
-    )
-    note = _NOTE.get(result.analysis, "").format(**result.settings)
-    return "\n".join(text_of(table, stream) for table in tables) + note + "\n"
+    """The result's short table as text, in colour when `stream` is a terminal, and what must be said beside it."""
+    note: str = own(result.analysis, "NOTE", "")
+    tables = short_tables(result, heading(result.analysis))
+    return "\n".join(text_of(table, stream) for table in tables) + note.format(**result.settings) + "\n"
 
 
 def text_of(table: Table, stream: IO[str] | None = None) -> str:

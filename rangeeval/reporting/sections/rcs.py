@@ -22,6 +22,13 @@ from rangeeval.reporting.wording import (
 )
 from rangeeval.units import shown, shown_variable
 
+NAME = "Detection probability and RCS"
+HEADLINE = ("detection_probability", "rcs")
+NOTE = (
+    "Intervals: {confidence:.0%}. {case_verdict} "
+    "An error of the radar equation goes straight into the RCS and is in no interval."
+)
+
 _DBSM = shown("m^2")
 _TESTS = (
     ("amplitude_ad_p", "Amplitudes (Anderson-Darling)"),
