@@ -42,6 +42,7 @@ ANALYSES: dict[str, Analysis] = {
     ),
     "rcs": Analysis("rangeeval.analyses.rcs:rcs", needs=("detections",), takes=("per_track",)),
     "attitude": Analysis("rangeeval.analyses.attitude:attitude", needs=("tilt",)),
+    "truth": Analysis("rangeeval.analyses.truth:truth", needs=("plots", "truth"), takes=("per_track",)),
 }
 
 
