@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from rangeeval.analyses.accuracy import accuracy
     from rangeeval.analyses.attitude import attitude, correct_plots
     from rangeeval.analyses.rcs import rcs
+    from rangeeval.analyses.replay import replay, run_replay
+    from rangeeval.analyses.truth import truth
     from rangeeval.flow import check, evaluate, report
     from rangeeval.model import Bins, Result, Trial, log_of
     from rangeeval.parsers import open_trial
@@ -26,6 +28,9 @@ _WHERE = {
     "rcs": "rangeeval.analyses.rcs",
     "attitude": "rangeeval.analyses.attitude",
     "correct_plots": "rangeeval.analyses.attitude",
+    "replay": "rangeeval.analyses.replay",
+    "run_replay": "rangeeval.analyses.replay",
+    "truth": "rangeeval.analyses.truth",
     "evaluate": "rangeeval.flow",
     "check": "rangeeval.flow",
     "report": "rangeeval.flow",
@@ -47,7 +52,10 @@ __all__ = [
     "log_of",
     "open_trial",
     "rcs",
+    "replay",
     "report",
+    "run_replay",
+    "truth",
 ]
 
 

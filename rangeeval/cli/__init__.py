@@ -23,6 +23,8 @@ COMMANDS: dict[str, str] = {
     "accuracy": "rangeeval.cli.accuracy:accuracy",
     "attitude": "rangeeval.cli.attitude:attitude",
     "rcs": "rangeeval.cli.rcs:rcs",
+    "replay": "rangeeval.cli.replay:replay",
+    "truth": "rangeeval.cli.truth:truth",
     "check": "rangeeval.cli.check:check",
     "simulate": "rangeeval.cli.simulate:simulate",
 }

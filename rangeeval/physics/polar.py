@@ -36,7 +36,9 @@ def polar_rates(position_m: ArrayLike, velocity_m_s: ArrayLike) -> Floats:
 
 def cartesian(range_m: ArrayLike, azimuth_rad: ArrayLike, elevation_rad: ArrayLike) -> Floats:
     """Positions (..., 3) north, up, east in m."""
-    distance, az, el = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in (range_m, azimuth_rad, elevation_rad)))
+    distance, az, el = np.broadcast_arrays(
+        *(np.asarray(v, dtype=np.float64) for v in (range_m, azimuth_rad, elevation_rad))
+    )
     across = distance * np.cos(el)
     return np.stack([across * np.cos(az), distance * np.sin(el), across * np.sin(az)], axis=-1)
 

@@ -57,5 +57,3 @@ def noise_of(residuals: ArrayLike, confidence: float = 0.95) -> Interval:
     n_eff = n * EFFICIENCY / MEMORY
     low, high = sigma_interval(s, max(n_eff - 1.0, 1.0), confidence)
     return Interval(s, float(low), float(high), n, n_eff)
-
-

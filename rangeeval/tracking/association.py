@@ -122,7 +122,8 @@ def revisit_time(time_s: Floats, position_m: Floats, max_speed_m_s: float) -> fl
     """
     n = len(time_s)
     found = []
-    for i in np.unique(np.linspace(0, max(n - 2, 0), min(_SAMPLE, max(n - 1, 1))).astype(int)).tolist():
+    chosen = np.unique(np.linspace(0, n - 2, min(_SAMPLE, n - 1)).astype(int)) if n > 1 else np.empty(0, int)
+    for i in chosen.tolist():
         later = slice(i + 1, min(i + 2000, n))
         wait = time_s[later] - time_s[i]
         apart = np.linalg.norm(position_m[later] - position_m[i], axis=1)
