@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntFlag
@@ -9,8 +10,29 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
-from rangeeval.tracking.filters import AnyFilter, Filter
+from rangeeval.tracking import beam
+from rangeeval.tracking.cycle import (
+    AT_COLUMN,
+    COVARIANCE,
+    DETAIL,
+    DOF,
+    GAINS,
+    INNOVATION,
+    INNOVATION_COVARIANCE,
+    LIKELIHOOD,
+    LIKELIHOOD_COLUMN,
+    NIS,
+    PREDICTED_COVARIANCE,
+    PREDICTED_STATE,
+    PROBABILITY,
+    STATE,
+    UPDATES,
+    Setup,
+    run_tracks,
+)
+from rangeeval.tracking.filters import AlphaBeta, AnyFilter, Filter
 from rangeeval.tracking.measurements import Measurements
+from rangeeval.tracking.setups import setup_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -25,7 +47,7 @@ class Flag(IntFlag):
     GATED = 8  # measured but outside the gate: not used, the state is the prediction
     RESTARTED = 16  # the track was given up and starts anew with this plot (STARTING holds too)
     ABSURD = 32  # used, but the NIS is beyond any chance (1e-12): the filter's assumptions do not fit
-    REPAIRED = 64  # a covariance was not positive definite and was repaired, or the update had to be skipped
+    BROKEN = 64  # the numbers broke down (not finite, or a covariance not positive definite): the track starts anew
     REPEATED = 128  # the same time as the plot before
     DISORDERED = 256  # earlier than the plot before, or no time: not used
     OVERHEAD = 512  # so near to the zenith that azimuth says nothing: azimuth not used
@@ -44,7 +66,8 @@ class Run:
     innovation : (n, 3), measured less predicted, azimuth wrapped; NaN where a component was not measured. Gated plots
         have theirs too.
     innovation_covariance : (n, 3, 3), of the (mixture's) innovation; an unmeasured component has row and column NaN.
-    nis : (n,), normalised innovation squared with `nis_dof` (n,) degrees of freedom; NaN and 0 without innovation.
+    nis : (n,), normalised innovation squared with `nis_dof` (n,) degrees of freedom; NaN without innovation. `nis_dof` is 0
+        where the plot was not used, so also where it was gated.
     log_likelihood : (n,), log density of the plot given those before, of range, azimuth and elevation; 0 where none
         was used. With a converted-measurement update it is that of the Cartesian position (per m^3).
     mode_probability : (n, models), after the update.
@@ -121,13 +144,59 @@ def run(spec: AnyFilter, measurements: Measurements, *, detail: bool = False) ->
 
 
 def run_many(spec: AnyFilter, tracks: Sequence[Measurements], *, detail: bool = False) -> list[Run]:
-    """Run many tracks (or Monte Carlo runs) through a filter in one compiled call; the same numbers as one by one."""
-    raise NotImplementedError
+    """Run many tracks (or Monte Carlo runs) through a filter in one compiled call; the same numbers as one by one.
+
+    Raises
+    ------
+    ValueError : the filter's numbers make no sense, or its transition probabilities cannot be spread over other
+        intervals than their own and the plots need that.
+    """
+    if isinstance(spec, AlphaBeta):
+        return beam.run_many(spec, tracks)
+    batch = Batch.of(tracks)
+    level = DETAIL if detail else UPDATES
+    table, flags = _run(spec, batch, level)[1:]
+    return [_cut(spec, track, batch, i, table, flags, detail) for i, track in enumerate(tracks)]
 
 
-def log_likelihood(spec: Filter, tracks: Sequence[Measurements]) -> FloatArray:
+def log_likelihood(spec: Filter, tracks: Sequence[Measurements] | Batch) -> FloatArray:
     """The log-likelihood (tracks,) of each track: `run` reduced to what tuning needs."""
-    raise NotImplementedError
+    return _run(spec, tracks if isinstance(tracks, Batch) else Batch.of(tracks), LIKELIHOOD)[0]
+
+
+def _run(spec: Filter, batch: Batch, level: int) -> tuple[FloatArray, FloatArray, IntArray]:
+    setup = setup_of(spec)
+    _check_intervals(setup, batch)
+    models = len(spec.models)
+    n = len(batch.rows) if level > LIKELIHOOD else 0
+    total = np.zeros(batch.planar.size)
+    table = np.full((n, PROBABILITY + models * (182 if level == DETAIL else 1)), np.nan)
+    table[:, DOF : PROBABILITY] = 0.0
+    flags = np.zeros(n, dtype=np.int64)
+    run_tracks(setup, level, batch.offsets, batch.rows, batch.planar, total, table, flags)
+    return total, table, flags
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Tracks end to end: `rows` (n, 7) of time, range, azimuth, elevation and sigmas; rows `offsets[i]` to
+    `offsets[i + 1]` are track i.
+    """
+
+    offsets: IntArray
+    rows: FloatArray
+    planar: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, tracks: Sequence[Measurements]) -> Batch:
+        """Tracks end to end."""
+        offsets = np.zeros(len(tracks) + 1, dtype=np.int64)
+        np.cumsum([len(track) for track in tracks], out=offsets[1:])
+        rows = np.empty((int(offsets[-1]), 7))
+        for i, track in enumerate(tracks):
+            part = rows[offsets[i] : offsets[i + 1]]
+            part[:, 0], part[:, 1:4], part[:, 4:7] = track.time_s, track.z, track.sigma
+        return cls(offsets, rows, np.array([track.planar for track in tracks], dtype=np.bool_))
 
 
 def smooth(run: Run) -> Smoothed:
@@ -138,3 +207,55 @@ def smooth(run: Run) -> Smoothed:
     ValueError : the run holds no detail, or is of an alpha-beta filter (which has no covariances).
     """
     raise NotImplementedError
+
+
+def _cut(
+    spec: Filter, track: Measurements, batch: Batch, i: int, table: FloatArray, flags: IntArray, detail: bool
+) -> Run:
+    """Track `i`'s part of the kernel's table, column by column."""
+    part = table[batch.offsets[i] : batch.offsets[i + 1]]
+    n, m = len(part), len(spec.models)
+
+    def columns(start: int, *shape: int) -> FloatArray:
+        return part[:, start : start + math.prod(shape)].reshape(n, *shape)
+
+    def models(start: int) -> tuple[FloatArray, FloatArray]:
+        both = columns(start, m, 90)
+        return both[:, :, :9], both[:, :, 9:].reshape(n, m, 9, 9)
+
+    more = None
+    if detail:
+        filtered, predicted = models(PROBABILITY + 2 * m), models(PROBABILITY + 92 * m)
+        more = Detail(*filtered, *predicted, columns(PROBABILITY + m, m))
+    return Run(
+        filter=spec,
+        measurements=track,
+        state=columns(STATE, 6),
+        covariance=columns(COVARIANCE, 6, 6),
+        predicted_state=columns(PREDICTED_STATE, 6),
+        predicted_covariance=columns(PREDICTED_COVARIANCE, 6, 6),
+        predicted=columns(AT_COLUMN, 3),
+        innovation=columns(INNOVATION, 3),
+        innovation_covariance=columns(INNOVATION_COVARIANCE, 3, 3),
+        nis=part[:, NIS],
+        nis_dof=part[:, DOF].astype(np.int64),
+        log_likelihood=part[:, LIKELIHOOD_COLUMN],
+        mode_probability=columns(PROBABILITY, m),
+        gains=columns(GAINS, 3, 2),
+        flags=flags[batch.offsets[i] : batch.offsets[i + 1]],
+        planar=bool(batch.planar[i]),
+        detail=more,
+    )
+
+
+def _check_intervals(setup: Setup, batch: Batch) -> None:
+    """Refuse plots at other intervals than the reference when the transition probabilities have no generator."""
+    if np.all(np.isfinite(setup.pi)):
+        return
+    steps = np.diff(batch.rows[:, 0])
+    steps[batch.offsets[1:-1] - 1] = setup.reference
+    if np.any(np.abs(steps - setup.reference) > 1e-9 * setup.reference):
+        raise ValueError(
+            f"these transition probabilities leave a model sooner than one reference interval ({setup.reference:g} s) and "
+            "cannot be spread over the plots' other intervals; give larger probabilities of staying"
+        )
