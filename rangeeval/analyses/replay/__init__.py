@@ -240,7 +240,7 @@ def _told(u: Updates, gathered: Gathered) -> list[Problem]:
         (Flag.DISORDERED, "plots earlier than the one before: not used"),
         (Flag.REPEATED, "plots with the time of the one before"),
         (Flag.OVERHEAD, "plots near the zenith: their azimuth was not used"),
-        (Flag.REPAIRED, "updates whose covariance had to be repaired"),
+        (Flag.BROKEN, "updates whose numbers broke down: the track starts anew there"),
         (Flag.ABSURD, "updates beyond any chance: the filter's assumptions do not fit there"),
     ):
         rows = np.flatnonzero(u.having(flag))

@@ -132,8 +132,8 @@ def common_flags(u: Updates, place: Place, bins: Bins, n: int, noise: Noise) -> 
         flags.append("overhead")
     if u.having(Flag.REPEATED)[rows].any():
         flags.append("repeated-times")
-    if u.having(Flag.REPAIRED)[rows].any():
-        flags.append("repaired")
+    if u.having(Flag.BROKEN)[rows].any():
+        flags.append("broken")
     if "assumed" in noise.origin[:2] or (noise.origin[2] == "assumed" and np.isfinite(u.elevation_rad[rows]).any()):
         flags.append("assumed-noise")
     elevation = np.isfinite(u.elevation_rad[rows])
