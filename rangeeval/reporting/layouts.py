@@ -26,6 +26,8 @@ LAYOUTS: dict[str, str] = {
     "accuracy": "rangeeval.reporting.sections.accuracy",
     "rcs": "rangeeval.reporting.sections.rcs",
     "attitude": "rangeeval.reporting.sections.attitude",
+    "replay": "rangeeval.reporting.sections.replay",
+    "truth": "rangeeval.reporting.sections.truth",
 }
 
 
