@@ -37,7 +37,7 @@ class TruePath:
 
 
 def positions(log: Log, table: Table, site: Site) -> Floats | None:
-    """Positions (n, 3) north, up, east of the site in m of a truth log's rows; None when the site's place is missing."""
+    """Positions (n, 3) north, up, east of the site in m of a truth log; None when the site's place is missing."""
     if "north_m" in log:
         return np.stack([table.floats(n) for n in ("north_m", "up_m", "east_m")], axis=-1)
     if site.latitude_deg is None or site.longitude_deg is None:

@@ -431,9 +431,7 @@ class _Parser:
 
         wanted = [self.fields[i] for i in self.order]
         clock = self.dialect.clock
-        dtype: Any = {
-            f.position: "category" if f.text else str if f.position == clock else np.float64 for f in wanted
-        }
+        dtype: Any = {f.position: "category" if f.text else str if f.position == clock else np.float64 for f in wanted}
         # Below 3.1, pandas reads a third of 17-digit numbers one ulp off unless asked not to.
         exact: Any = {"float_precision": "round_trip"} if _older(pd.__version__, (3, 1)) else {}
         frame = pd.read_csv(

@@ -76,7 +76,7 @@ def interpolate(time_s: ArrayLike, position_m: ArrayLike, at_s: ArrayLike, max_g
     """Position and velocity (m, d) of a path of points (n), (n, d) at times (m); NaN in a gap and outside the path.
 
     Cubic between neighbours, with the velocity at each point from the parabola through it and its neighbours, within a
-    stretch that has no gap longer than `max_gap_s`: exact for constant acceleration. Times in increasing order, each once.
+    stretch that has no gap longer than `max_gap_s`: exact for constant acceleration. Times increase.
     """
     time, position = np.asarray(time_s, dtype=np.float64), np.asarray(position_m, dtype=np.float64)
     at = np.asarray(at_s, dtype=np.float64)
@@ -86,7 +86,8 @@ def interpolate(time_s: ArrayLike, position_m: ArrayLike, at_s: ArrayLike, max_g
     velocity = _velocity(time, position, max_gap_s)
     k = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2)
     step = np.diff(time)[k]
-    known = (at >= time[0]) & (at <= time[-1]) & (step <= max_gap_s)
+    on_a_point = (at == time[k]) | (at == time[k + 1])
+    known = (at >= time[0]) & (at <= time[-1]) & ((step <= max_gap_s) | on_a_point)
     h = step[:, None]
     u = ((at - time[k]) / step)[:, None]
     a, b, va, vb = position[k], position[k + 1], velocity[k] * h, velocity[k + 1] * h

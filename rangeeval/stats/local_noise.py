@@ -21,9 +21,9 @@ MEMORY = 1.5  # how many times wider than for white samples: neighbours share mo
 def leave_one_out(time: ArrayLike, values: ArrayLike, window: int = WINDOW, max_gap: float = math.inf) -> Floats:
     """Each sample (n) less the parabola through its neighbours, scaled so that its sigma is the noise's; NaN at ends.
 
-    Of `window` (odd) consecutive samples the middle one is left out, a parabola is fitted to the others by least squares
-    and the difference divided by sqrt(1 + leverage). Steady acceleration leaves no trace, noise all of it. A window
-    with a missing value or a gap longer than `max_gap` gives NaN.
+    Of `window` (odd) consecutive samples the middle one is left out, a parabola is fitted to the others by least
+    squares and the difference divided by sqrt(1 + leverage). Steady acceleration leaves no trace, noise all of it.
+    A window with a missing value or a gap longer than `max_gap` gives NaN.
     """
     t, x = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
     found = np.full(len(x), np.nan)

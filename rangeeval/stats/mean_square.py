@@ -79,7 +79,7 @@ def mean(values: ArrayLike, confidence: float = 0.95, stretch: ArrayLike | None 
 
 
 def sigma(values: ArrayLike, confidence: float = 0.95, stretch: ArrayLike | None = None) -> Interval:
-    """Standard deviation about the mean of samples (n) with memory and perhaps heavy tails; missing for fewer than 2."""
+    """Standard deviation about the mean of samples (n) with memory, perhaps heavy-tailed; missing below 2."""
     x, mark = _finite(values, stretch)
     n = x.size
     if n < 2:

@@ -1,8 +1,8 @@
 """How good a set of tracks is against the truth: distances between sets, and who followed whom for how long.
 
-Set distances (OSPA, GOSPA) take the matrix of distances between every track and every truth at one time. The measures of
-continuity take an `Association`: one row for every track at every time, saying which truth it was on. Ratios per bin are
-sums of numerators over sums of denominators, never means of ratios.
+Set distances (OSPA, GOSPA) take the matrix of distances between every track and every truth at one time. The measures
+of continuity take an `Association`: one row for every track at every time, saying which truth it was on. Ratios per bin
+are sums of numerators over sums of denominators, never means of ratios.
 """
 
 from __future__ import annotations
@@ -174,8 +174,8 @@ class Continuity:
 def continuity(association: Association, time_s: ArrayLike) -> list[Continuity]:
     """How each truth was followed over the times (steps) in s.
 
-    A truth is followed by one track as long as that one stays on it, whoever joins; when it leaves, by the lowest number
-    of those there. Steps at which the truth could not be held are no break.
+    A truth is followed by one track as long as that one stays on it, whoever joins; when it leaves, by the lowest
+    number of those there. Steps at which the truth could not be held are no break.
     """
     t, a = np.asarray(time_s, dtype=np.float64), association
     held = a.held

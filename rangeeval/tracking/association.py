@@ -99,8 +99,8 @@ def group(time_s: ArrayLike, z: ArrayLike, sigma: ArrayLike, rules: Rules | None
 
     References
     ----------
-    Blackman and Popoli (1999), Design and Analysis of Modern Tracking Systems, chapter 6; PDA: Bar-Shalom and Li (1995),
-    Multitarget-Multisensor Tracking, section 3.4.
+    Blackman and Popoli (1999), Design and Analysis of Modern Tracking Systems, chapter 6; PDA: Bar-Shalom and Li
+    (1995), Multitarget-Multisensor Tracking, section 3.4.
     """
     rules = rules or Rules()
     time = np.asarray(time_s, dtype=np.float64)
@@ -118,7 +118,7 @@ def group(time_s: ArrayLike, z: ArrayLike, sigma: ArrayLike, rules: Rules | None
 def revisit_time(time_s: Floats, position_m: Floats, max_speed_m_s: float) -> float:
     """The usual time from a plot to the next that the same target can have given; 1 s when there is none.
 
-    A target cannot be farther than its speed allows, so of all later plots the first within reach is most often its own.
+    A target cannot be farther than its speed allows: of all later plots the first within reach is most often its own.
     """
     n = len(time_s)
     found = []

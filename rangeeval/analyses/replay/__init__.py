@@ -101,9 +101,9 @@ def replay(
     progress: Callable[[int], None] | None = None,
     replayed: Replayed | None = None,
 ) -> Result:
-    """How a tracking filter does on recorded plots: NIS, likelihood and whiteness of its innovations; with truth, errors.
+    """How a tracking filter does on recorded plots: NIS, likelihood, whiteness of innovations; with truth, errors.
 
-    The innovations alone judge the filter's assumptions, not its accuracy: a constant bias of the radar leaves no trace.
+    Innovations judge the filter's assumptions, not its accuracy: a constant bias of the radar leaves no trace.
 
     Parameters
     ----------

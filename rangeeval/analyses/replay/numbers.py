@@ -47,7 +47,7 @@ class Place:
 
 
 def places(u: Updates, bins: Bins, names: Sequence[str], *, per_track: bool, group: str | None = None) -> list[Place]:
-    """The whole trial, every track (in the contract's rows always), and every bin (each track in it with `per_track`)."""
+    """The whole trial, every track, and every bin (each track in it with `per_track`)."""
     everything = np.ones(len(u.time_s), bool)
     found = [Place(everything, group=group)]
     if group is None:
@@ -85,12 +85,13 @@ def innovation_rows(u: Updates, place: Place, bins: Bins, confidence: float, noi
         Interval(found.value / expected, found.low / expected, found.high / expected, n, found.n_eff) if n else found
     )
     rows = [
-        place.row("nis_mean", "1", found, [*flags, *verdict], expected=expected, accept_low=bounds[0], accept_high=bounds[1]),
+        place.row("nis_mean", "1", found, [*flags, *verdict], expected=expected, accept_low=bounds[0],
+                  accept_high=bounds[1]),
         place.row("nis_ratio", "1", ratio, [*flags, *verdict], accept_low=bounds[0] / expected if n else math.nan,
                   accept_high=bounds[1] / expected if n else math.nan),
         place.row("log_likelihood", "1", total, flags),
         place.row("log_likelihood_per_update", "1", each, flags),
-        place.row("updates", "1", Interval(float(n), float(n), float(n), int(np.count_nonzero(place.rows)), float(n)), flags),
+        place.row("updates", "1", exactly(n, int(np.count_nonzero(place.rows))), flags),
     ]  # fmt: skip
     for k, name in enumerate(COORDINATES):
         e = u.innovation[used, k]
@@ -102,6 +103,11 @@ def innovation_rows(u: Updates, place: Place, bins: Bins, confidence: float, noi
     if place.variable is None:
         rows += _counted(u, place, flags)
     return rows
+
+
+def exactly(count: float, n: int) -> Interval:
+    """A count of n rows: no doubt about it."""
+    return Interval(float(count), float(count), float(count), n, float(n))
 
 
 def nis_bounds(dof: NDArray[np.int64], confidence: float) -> tuple[float, float]:
@@ -174,9 +180,9 @@ def _counted(u: Updates, place: Place, flags: Sequence[str]) -> list[Estimate]:
     n = int(np.count_nonzero(place.rows))
     rows = []
     for name, flag in _COUNTED:
-        count = float(np.count_nonzero(u.having(flag)[place.rows]))
+        count = int(np.count_nonzero(u.having(flag)[place.rows]))
         if count or name == "gated":
-            rows.append(place.row(f"plots_{name}", "1", Interval(count, count, count, n, float(n)), flags))
+            rows.append(place.row(f"plots_{name}", "1", exactly(count, n), flags))
     return rows
 
 

@@ -64,7 +64,8 @@ def _kalman(spec: Filter, own: ReplaySettings, name: str) -> Filter:
         models = [replace(m, sigma_m_s2=v) for m, v in zip(models, own.process_noise_m_s2, strict=True)]
     elif own.process_noise_m_s2 and own.filter in (None, name):
         raise SettingsError(
-            f"replay.process_noise_m_s2 has {len(own.process_noise_m_s2)} values, filter '{name}' has {len(models)} models"
+            f"replay.process_noise_m_s2 has {len(own.process_noise_m_s2)} values, "
+            f"filter '{name}' has {len(models)} models"
         )
     if own.turn_noise_rad_s is not None:
         models = [replace(m, sigma_turn_rad_s=own.turn_noise_rad_s) if m.motion.startswith("ct") else m for m in models]

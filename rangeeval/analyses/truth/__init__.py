@@ -75,8 +75,8 @@ def truth(
         a, b = (min(float(p.plots.time_s[0]) for p in pairs), max(float(p.plots.time_s[-1]) for p in pairs))
         c, d = (min(float(p.path.time_s[0]) for p in pairs), max(float(p.path.time_s[-1]) for p in pairs))
         raise InputError(
-            f"{trial.name}: no plot falls on a true path: plots from {a:.6g} to {b:.6g} s, truth from {c:.6g} to {d:.6g} s; "
-            f"bring both to one clock ([truth] time_offset_s), or allow longer gaps ([truth] max_gap_s)"
+            f"{trial.name}: no plot falls on a true path: plots from {a:.6g} to {b:.6g} s, truth from {c:.6g} to "
+            f"{d:.6g} s; bring both to one clock ([truth] time_offset_s), or allow longer gaps ([truth] max_gap_s)"
         )
     said = [*log.problems, *problems, *more]
     if lost := int(np.count_nonzero(~known)):

@@ -25,11 +25,17 @@ _COLUMNS = {
     "range_innovation_sigma": "Range innovation σ (m)", "azimuth_innovation_sigma": "Azimuth innovation σ (arcmin)",
     "elevation_innovation_sigma": "Elevation innovation σ (arcmin)", "position_rms": "Position RMS error (m)",
 }  # fmt: skip
+_NARROW = tuple(q for q in _COLUMNS if q not in ("log_likelihood_per_update", "position_rms"))
 _ERRORS = {
     "x_rms": "x, east (m)", "y_rms": "y, north (m)", "z_rms": "z, up (m)", "position_rms": "Position (m)",
     "velocity_rms": "Velocity (m/s)", "prediction_rms": "Prediction (m)", "plot_rms": "Plots themselves (m)",
     "nees_mean": "NEES",
 }  # fmt: skip
+_ERROR_TABLES = (
+    ("RMS error of the filtered position; axes x east, y north, z up", ("x_rms", "y_rms", "z_rms", "position_rms")),
+    ("RMS error of velocity, of the prediction, and of the plots themselves; NEES, which is 6 (planar 4) if all fits",
+     ("velocity_rms", "prediction_rms", "plot_rms", "nees_mean")),
+)  # fmt: skip
 _SETS = (
     "ospa", "ospa_localisation", "ospa_cardinality", "gospa", "gospa_localisation", "gospa_missed", "gospa_false",
     "track_completeness", "track_ambiguity", "track_spuriousness", "track_purity",
@@ -54,11 +60,10 @@ def sections(result: Result) -> list[Section]:
 
 def short_tables(result: Result, caption: str, *, summary: bool = False) -> list[Table]:
     """What a terminal and the summary show: consistency and errors, bin by bin, and filters compared."""
-    tables = [_bin_table(result, caption)]
-    if not summary:
-        tables.append(_noise_table(result))
-        tables += [t for t in (_filter_table(result), _paired_table(result)) if t]
-    return tables
+    if summary:
+        return [_bin_table(result, caption, _NARROW)]
+    found = (_noise_table(result), _filter_table(result), _paired_table(result))
+    return [_bin_table(result, caption), *(t for t in found if t)]
 
 
 def summary_figure(result: Result) -> Figure | None:
@@ -91,8 +96,8 @@ def _cells(line: Line, quantities: Sequence[str]) -> list[str | Cell]:
     return [estimate_text(line.of[q]) if q in line.of else MISSING for q in quantities]
 
 
-def _bin_table(result: Result, caption: str) -> Table:
-    chosen = [q for q in _COLUMNS if any(r.quantity == q for r in _of(result))]
+def _bin_table(result: Result, caption: str, columns: Sequence[str] = tuple(_COLUMNS)) -> Table:
+    chosen = [q for q in columns if any(r.quantity == q for r in _of(result))]
     body = [
         [bin_text(line.first), str(line.first.n), *_cells(line, chosen), flags_text(line.flags)]
         for line in lines(_of(result), chosen)
@@ -136,7 +141,7 @@ def _verdict(result: Result) -> list[Block]:
 def _overview(result: Result) -> list[Block]:
     s = result.settings
     blocks: list[Block] = [*_verdict(result), _noise_table(result)]
-    blocks.append(_bin_table(result, f"Every bin, with {s['confidence'] * 100:g} % intervals"))
+    blocks.append(_bin_table(result, f"Every bin, with {s['confidence'] * 100:g} % intervals", _NARROW))
     drawn = _trajectory(result)
     blocks += [drawn] if drawn else []
     return [*blocks, *flag_notices(result)]
@@ -165,7 +170,12 @@ def _trajectory(result: Result) -> Figure | None:
     return Figure(
         "The filtered trajectory of the longest tracks, from above and in height over ground range.",
         f"Paths of {len(_named(result, 'trajectory/'))} tracks around the radar.",
-        [[Panel("From above", "East (km)", "North (km)", above), Panel("Height", "Ground range (km)", "Up (km)", height)]],
+        [
+            [
+                Panel("From above", "East (km)", "North (km)", above),
+                Panel("Height", "Ground range (km)", "Up (km)", height),
+            ]
+        ],
     )
 
 
@@ -190,7 +200,7 @@ def _innovations(result: Result) -> list[Block]:
             panels.append([Panel(c.capitalize(), "Time (s)", f"{c.capitalize()} ({unit.unit})", marks, share_x="time")])
         if panels:
             blocks.append(Figure(
-                f"Innovations of track {name} with the bounds the filter itself gives: about 19 in 20 should lie inside.",
+                f"Innovations of track {name} with the bounds the filter itself gives: 19 in 20 should lie inside.",
                 f"Innovations of track {name} over time.", panels,
             ))  # fmt: skip
     body: list[list[str | Cell]] = []
@@ -204,8 +214,8 @@ def _innovations(result: Result) -> list[Block]:
             ["Coordinate", "Correlation at lag one", "p of Ljung and Box, 10 lags"], body,
         ))  # fmt: skip
         blocks.append(Paragraph(
-            "A negative correlation says that the filter follows noise (too much process noise); a positive one that it "
-            "lags behind manoeuvres (too little)."
+            "A negative correlation says that the filter follows noise (too much process noise); a positive one that "
+            "it lags behind manoeuvres (too little)."
         ))  # fmt: skip
     return blocks
 
@@ -244,7 +254,10 @@ def _filter_table(result: Result) -> Table | None:
 
 
 def _paired_table(result: Result) -> Table | None:
-    wanted = {"log_likelihood_difference": "Log-likelihood per update", "squared_error_difference": "Squared error (m²)"}
+    wanted = {
+        "log_likelihood_difference": "Log-likelihood per update",
+        "squared_error_difference": "Squared error (m²)",
+    }
     body: list[list[str | Cell]] = []
     for r in result.rows:
         if r.quantity in wanted and r.group:
@@ -262,8 +275,8 @@ def _filters(result: Result) -> list[Block]:
     if not found:
         return []
     text = (
-        "All filters had the same plots, so their differences are judged update by update; the interval counts the memory "
-        "of the differences. The likelihood needs no truth."
+        "All filters had the same plots, so their differences are judged update by update; the interval counts the "
+        "memory of the differences. The likelihood needs no truth."
     )
     panel = _rms_by_filter(result)
     return [Paragraph(text), *found, *([panel] if panel else [])]
@@ -289,11 +302,12 @@ def _truth(result: Result) -> list[Block]:
     present = [q for q in _ERRORS if any(r.quantity == q for r in rows)]
     if not present:
         return []
-    body = [[bin_text(line.first), *_cells(line, present), flags_text(line.flags)] for line in lines(rows, present)]
-    blocks: list[Block] = [
-        Table("Errors of the filtered state against truth; axes x east, y north, z up",
-              ["Bin", *(_ERRORS[q] for q in present), "Flags"], body, "l" + "r" * len(present) + "l"),
-    ]  # fmt: skip
+    blocks: list[Block] = []
+    for caption, wanted in _ERROR_TABLES:
+        shown_ = [q for q in wanted if q in present]
+        body = [[bin_text(line.first), *_cells(line, shown_), flags_text(line.flags)] for line in lines(rows, shown_)]
+        head = ["Bin", *(_ERRORS[q] for q in shown_), "Flags"]
+        blocks += [Table(caption, head, body, "l" + "r" * len(shown_) + "l")] if shown_ else []
     curves = _axis_figure(result)
     blocks += [curves] if curves else []
     sets: list[list[str | Cell]] = [
@@ -301,15 +315,23 @@ def _truth(result: Result) -> list[Block]:
         for q in _SETS if (r := _plain_squares(_whole(result, q))) is not None
     ]  # fmt: skip
     if sets:
-        blocks.append(Table("Sets of tracks against sets of targets, over all times", ["Measure", "Value", "Unit"], sets, "lrl"))
-    held = [r for r in _of(result, binned=False, track=True) if r.quantity in ("track_breaks", "identity_changes", "track_latency")]
+        blocks.append(
+            Table("Sets of tracks against sets of targets, over all times", ["Measure", "Value", "Unit"], sets, "lrl")
+        )
+    held = [
+        r
+        for r in _of(result, binned=False, track=True)
+        if r.quantity in ("track_breaks", "identity_changes", "track_latency")
+    ]
     if held:
         body = [
             [line.first.track_id or "", *(plain_number(line.of[q].value, 4) if q in line.of else MISSING
                                           for q in ("track_breaks", "identity_changes", "track_latency"))]
             for line in lines(held)[:MANY]
         ]  # fmt: skip
-        blocks.append(Table("How each target was followed", ["Target", "Breaks", "Changes of track", "Latency (s)"], body))
+        blocks.append(
+            Table("How each target was followed", ["Target", "Breaks", "Changes of track", "Latency (s)"], body)
+        )
     return blocks
 
 
@@ -328,10 +350,11 @@ def _axis_figure(result: Result) -> Figure | None:
             continue
         unit = shown_variable(rows[0].variable or "")
         centres = [0.5 * (r.bin_low + r.bin_high) * unit.scale for r in rows]
-        marks = [Mark("errorbars", centres, [r.value for r in rows], low=[_or(r.low, r.value) for r in rows],
-                      high=[_or(r.high, r.value) for r in rows], label="RMS error, with interval", role="measured")]  # fmt: skip
-        panels.append([Panel(_ERRORS[quantity], f"{(rows[0].variable or '').capitalize()} ({unit.unit})", "RMS (m)", marks,
-                             share_x="bins")])  # fmt: skip
+        low, high = ([_or(getattr(r, end), r.value) for r in rows] for end in ("low", "high"))
+        label = "RMS error, with interval"
+        mark = Mark("errorbars", centres, [r.value for r in rows], low=low, high=high, label=label, role="measured")
+        across = f"{(rows[0].variable or '').capitalize()} ({unit.unit})"
+        panels.append([Panel(_ERRORS[quantity], across, "RMS (m)", [mark], share_x="bins")])
     if not panels:
         return None
     return Figure("RMS error of the filtered position, axis by axis.", "Errors by axis and bin.", panels)
@@ -362,15 +385,16 @@ def _tracks(result: Result) -> list[Block]:
 
 def _method(result: Result) -> list[Block]:
     s = result.settings
-    noise = {"given": "given", "estimated": "estimated from the scatter of the plots about parabolas through their neighbours",
-             "assumed": "assumed", "tuned": "tuned"}  # fmt: skip
-    origin = ", ".join(f"{k} {noise.get(str(v), v)}" for k, v in dict(s["measurement_noise_from"]).items())
+    scatter = "estimated from the scatter of the plots about parabolas through their neighbours"
+    origin = ", ".join(
+        f"{k} {scatter if v == 'estimated' else v}" for k, v in dict(s["measurement_noise_from"]).items()
+    )
+    how = "their target_id" if s["association"] == "id" else f"{s['association']} association"
     text = (
-        f"Plots were given to tracks by {'their target_id' if s['association'] == 'id' else s['association'] + ' association'} "
-        f"and run through the filter '{s['filter']}'. Measurement noise: {origin}. "
-        "The normalised innovation squared (NIS) compares every innovation with the covariance the filter expects of it; "
-        "its mean over its degrees of freedom is 1 when all assumptions hold. The log-likelihood of the plots compares "
-        "filters and parameters without truth."
+        f"Plots were given to tracks by {how} and run through the filter '{s['filter']}'. Measurement noise: {origin}. "
+        "The normalised innovation squared (NIS) compares every innovation with the covariance the filter expects of "
+        "it; its mean over its degrees of freedom is 1 when all assumptions hold. The log-likelihood of the plots "
+        "compares filters and parameters without truth."
     )
     blind = (
         "Innovations cannot show a constant bias of the radar: the filter follows it. They judge the filter's "

@@ -55,8 +55,8 @@ def _tables(result: Result, caption: str) -> list[Table]:
             body.append([*cells, flags_text(line.flags)])
         if body:
             head = [f"{coordinate.capitalize()} {word} ({shown(unit).unit})" for word in _PARTS.values()]
-            found.append(Table(f"{caption}: {coordinate}", ["Bin", *(["Target"] if named else []), "n", *head, "Flags"], body,
-                               "l" * (1 + named) + "rrrr" + "l"))  # fmt: skip
+            head = ["Bin", *(["Target"] if named else []), "n", *head, "Flags"]
+            found.append(Table(f"{caption}: {coordinate}", head, body, "l" * (1 + named) + "rrrrl"))
     return found
 
 
@@ -65,7 +65,9 @@ def _offset_table(result: Result) -> Table:
         [r.track_id or "all", str(r.n), estimate_text(r), flags_text(r.flags)]
         for r in result.rows if r.quantity == "time_offset"
     ]  # fmt: skip
-    return Table("Time offset: how late the truth's times are (s)", ["Target", "n", "Offset (s)", "Flags"], body, "lrrl")
+    return Table(
+        "Time offset: how late the truth's times are (s)", ["Target", "n", "Offset (s)", "Flags"], body, "lrrl"
+    )
 
 
 def _overview(result: Result) -> list[Block]:
@@ -73,9 +75,9 @@ def _overview(result: Result) -> list[Block]:
     offset = next((r for r in result.rows if r.quantity == "time_offset" and r.track_id is None), None)
     if offset is not None and offset.low * offset.high > 0:
         applied = float(result.settings.get("time_offset_applied") or 0.0)
-        done = f"{applied:g} s of it was taken out." if applied else "The errors here are with it (--remove-offset takes it out)."
+        done = f"{applied:g} s was taken out." if applied else "The errors here are with it (--remove-offset)."
         blocks.append(Notice(
-            f"The clocks differ: the truth's times are late by {estimate_text(offset)} s (early, when negative). {done}",
+            f"The clocks differ: the truth's times are late by {estimate_text(offset)} s (early if negative). {done}",
             "caution", "Time offset",
         ))  # fmt: skip
     drawn = _by_bin(result)
@@ -111,7 +113,9 @@ def _by_bin(result: Result) -> Figure | None:
             panels.append([Panel(title, name, f"{title} error ({unit.unit})", marks, share_x="bins")])
     if not panels:
         return None
-    return Figure("Bias and σ of the plots against truth, with their intervals, per bin.", "Bias and sigma by bin.", panels)
+    return Figure(
+        "Bias and σ of the plots against truth, with their intervals, per bin.", "Bias and sigma by bin.", panels
+    )
 
 
 def _numbers(values: Any) -> list[float]:
@@ -126,11 +130,22 @@ def _scatter(result: Result) -> list[Block]:
             unit = shown(unit_name)
             marks = [Mark("points", [1e-3 * v for v in _numbers(data["range_m"])],
                           [unit.value(v) for v in _numbers(data["error"])], role="measured")]  # fmt: skip
-            panels.append([Panel(coordinate.capitalize(), "Range (km)", f"Error ({unit.unit})", marks, share_x="range")])
+            panels.append(
+                [Panel(coordinate.capitalize(), "Range (km)", f"Error ({unit.unit})", marks, share_x="range")]
+            )
     data = result.series.get("range_rate")
     if data:
         marks = [Mark("points", _numbers(data["rate_m_s"]), _numbers(data["error"]), role="measured")]
-        panels.append([Panel("Range error over range rate: its slope is the time offset", "Range rate (m/s)", "Range error (m)", marks)])
+        panels.append(
+            [
+                Panel(
+                    "Range error over range rate: its slope is the time offset",
+                    "Range rate (m/s)",
+                    "Range error (m)",
+                    marks,
+                )
+            ]
+        )
     return [Figure("Every plot less the truth.", "Errors over range.", panels)] if panels else []
 
 
@@ -140,7 +155,7 @@ def _method(result: Result) -> list[Block]:
     return [Paragraph(
         "Truth was interpolated to the time of every plot by cubics through neighbouring points, never over a gap "
         f"(longest allowed here: {longest:g} s). Bias is the mean error; σ its scatter about that mean; RMS both "
-        "together. Intervals count the memory of the errors, so slow wander widens them. The time offset is the slope of the "
-        "errors over the rates of range, azimuth and elevation, all together; it cannot be told from a bias while the "
-        "rates stay the same."
+        "together. Intervals count the memory of the errors, so slow wander widens them. The time offset is the slope "
+        "of the errors over the rates of range, azimuth and elevation, all together; it cannot be told from a bias while "
+        "the rates stay the same."
     )]  # fmt: skip
