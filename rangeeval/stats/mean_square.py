@@ -15,6 +15,7 @@ from rangeeval.stats.intervals import degrees_of_freedom, sigma_interval
 Array = NDArray[np.float64]
 
 ENOUGH = 20  # samples from which their own correlation is estimated
+MOST_LAGS = 40  # of the long-run variance; beyond that only time is spent
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ def root_mean_square(error: Array, noise: float, confidence: float) -> tuple[flo
 
 
 def rms(error: ArrayLike, confidence: float = 0.95, stretch: ArrayLike | None = None) -> Interval:
-    """Root mean square of errors (n) with memory; `stretch` marks runs of consecutive samples."""
+    """Root mean square of errors (n) with memory; `stretch` numbers runs of consecutive samples, ascending."""
     x, mark = _finite(error, stretch)
     squared = mean(x**2, confidence, mark)
     low, high = (math.sqrt(max(v, 0.0)) if math.isfinite(v) else v for v in (squared.low, squared.high))
@@ -63,7 +64,7 @@ def rms(error: ArrayLike, confidence: float = 0.95, stretch: ArrayLike | None = 
 def mean(values: ArrayLike, confidence: float = 0.95, stretch: ArrayLike | None = None) -> Interval:
     """Mean of samples (n) with memory; its interval is missing for fewer than 4.
 
-    The long-run variance (Newey and West, square root of n lags) is never taken to be less than that of white samples:
+    The long-run variance (Newey and West, square root of n lags, 40 at most) is never taken to be less than that of white samples:
     a filter's residuals may well alternate, but nothing is gained by believing in it.
     """
     x, mark = _finite(values, stretch)
@@ -71,7 +72,7 @@ def mean(values: ArrayLike, confidence: float = 0.95, stretch: ArrayLike | None 
     if n < 4:
         return Interval(float(x.mean()) if n else math.nan, math.nan, math.nan, n, float(n))
     white = float(np.var(x, ddof=1))
-    long_run = max(n * newey_west(x, int(math.sqrt(n)), mark), white)
+    long_run = max(n * newey_west(x, min(int(math.sqrt(n)), MOST_LAGS), mark), white)
     n_eff = n * white / long_run if long_run > 0 else float(n)
     half = float(stdtrit(max(n_eff - 1, 1.0), 0.5 + confidence / 2)) * math.sqrt(long_run / n)
     centre = float(x.mean())
@@ -96,4 +97,7 @@ def sigma(values: ArrayLike, confidence: float = 0.95, stretch: ArrayLike | None
 def _finite(values: ArrayLike, stretch: ArrayLike | None) -> tuple[Array, NDArray[np.generic] | None]:
     x = np.asarray(values, dtype=np.float64).ravel()
     use = np.isfinite(x)
-    return x[use], None if stretch is None else np.asarray(stretch).ravel()[use]
+    if stretch is None:
+        return x[use], None
+    mark = np.asarray(stretch).ravel()[use]
+    return x[use], mark if mark.size and mark[0] != mark[-1] else None  # ascending: one stretch needs no marks
