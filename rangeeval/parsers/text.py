@@ -231,7 +231,7 @@ def _clock(layout: Layout, delimiter: str, sample: Sequence[tuple[int, str]]) ->
     for f in layout.fields:
         if f.name == "time_s":
             rows = [_split(line, delimiter) for _, line in sample]
-            cells = [row[f.position] for row in rows if f.position < len(row)]
+            cells = [row[f.position] for row in rows if f.position < len(row) and not is_missing(row[f.position])]
             return f.position if cells and 2 * sum(map(is_clock, cells)) > len(cells) else None
     return None
 
