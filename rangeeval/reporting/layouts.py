@@ -29,6 +29,8 @@ LAYOUTS: dict[str, str] = {
     "attitude": "rangeeval.reporting.sections.attitude",
     "trend": "rangeeval.reporting.sections.trend",
     "bearing": "rangeeval.reporting.sections.bearing",
+    "replay": "rangeeval.reporting.sections.replay",
+    "truth": "rangeeval.reporting.sections.truth",
 }
 
 
