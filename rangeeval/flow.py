@@ -14,9 +14,9 @@ from typing import Any
 
 import rangeeval
 from rangeeval.analyses import all_analyses
-from rangeeval.errors import InputError
+from rangeeval.errors import InputError, RangeevalError
 from rangeeval.files import write_whole as _write
-from rangeeval.model import Bins, Result, Trial
+from rangeeval.model import Bins, Problem, Result, Trial
 from rangeeval.model.result import without_nan
 from rangeeval.model.settings import Requirement
 from rangeeval.requirements import check as judge
@@ -51,10 +51,20 @@ def evaluate(trial: Trial, plan: Plan | None = None, progress: Progress | None =
         raise InputError(f"{trial.name} holds {held}; no analysis can start from that")
     origin = provenance(trial)
     results = []
+    left_out: list[Problem] = []
     for name in chosen:
         own = {option: getattr(plan, option) for option in known[name].takes}
-        found = known[name].load()(trial, plan.bins, confidence=plan.confidence, progress=progress, **own)
+        try:
+            found = known[name].load()(trial, plan.bins, confidence=plan.confidence, progress=progress, **own)
+        except RangeevalError as error:
+            if plan.analyses or not known[name].optional or len(chosen) == 1:
+                raise
+            left_out.append(Problem(trial.name, f"{name} was left out: {error}"))
+            continue
         results.append(replace(found, problems=(*trial.problems, *found.problems), provenance=origin))
+    if not results:
+        raise InputError("; ".join(p.reason for p in left_out))
+    results[0] = replace(results[0], problems=(*results[0].problems, *left_out))
     if trial.settings.requirements:
         verdicts = _verdicts(trial, plan, {r.analysis: r for r in results}, progress)
         results.append(replace(verdicts, provenance=origin))
@@ -101,12 +111,17 @@ def provenance(trial: Trial) -> dict[str, Any]:
         "settings": without_nan(dataclasses.asdict(trial.settings)),
         "inputs": [{"file": s.name, "format": s.format, "kind": s.kind, "bytes": s.size, "sha256": digests[s.name]}
                    for s in trial.sources],
-        "versions": {
-            "rangeeval": rangeeval.__version__,
-            "python": platform.python_version(),
-            **{name: importlib.metadata.version(name) for name in _VERSIONS},
-        },
+        "versions": versions(),
     }  # fmt: skip
+
+
+def versions() -> dict[str, str]:
+    """The software that makes results: rangeeval, Python and the packages below it."""
+    return {
+        "rangeeval": rangeeval.__version__,
+        "python": platform.python_version(),
+        **{name: importlib.metadata.version(name) for name in _VERSIONS},
+    }
 
 
 def write_report(results: Sequence[Result], directory: str | os.PathLike[str]) -> list[Path]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from rangeeval.errors import one_line
+from rangeeval.errors import SettingsError, one_line
 
 if TYPE_CHECKING:
     from rangeeval.model import Problem, Result, Trial
@@ -47,6 +47,27 @@ def write(text: str, output: Path | None) -> None:
         click.echo(text, nl=False)
     else:
         output.write_text(text, encoding="utf-8", newline="")
+
+
+def export(rows: Iterable[Mapping[str, object]], form: str | None, output: Path | None) -> bool:
+    """Print or write rows in the form asked for, by default that of the file's ending. False when that is a table."""
+    form = form or {".json": "json", ".csv": "csv", ".parquet": "parquet"}.get(output.suffix.lower() if output else "")
+    if form in (None, "table"):
+        if output is not None:
+            raise SettingsError(f"{output}: give --format json, csv or parquet, or a file name that ends so")
+        return False
+    from rangeeval.reporting import export as written
+
+    if form == "parquet":
+        if output is None:
+            raise SettingsError("--format parquet needs -o FILE")
+        written.write_parquet(rows, output)
+    elif output is None:
+        written.write_text(rows, form, sys.stdout)
+    else:
+        with output.open("w", encoding="utf-8", newline="") as stream:
+            written.write_text(rows, form, stream)
+    return True
 
 
 def warn(problems: Iterable[Problem]) -> None:

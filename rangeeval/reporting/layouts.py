@@ -27,6 +27,10 @@ LAYOUTS: dict[str, str] = {
     "accuracy": "rangeeval.reporting.sections.accuracy",
     "rcs": "rangeeval.reporting.sections.rcs",
     "attitude": "rangeeval.reporting.sections.attitude",
+    "trend": "rangeeval.reporting.sections.trend",
+    "bearing": "rangeeval.reporting.sections.bearing",
+    "replay": "rangeeval.reporting.sections.replay",
+    "truth": "rangeeval.reporting.sections.truth",
 }
 
 
