@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from rangeeval.analyses.attitude import attitude, correct_plots
     from rangeeval.analyses.bearing import bearing, bearing_tracks
     from rangeeval.analyses.rcs import rcs
-    from rangeeval.flow import check, evaluate, report
+    from rangeeval.analyses.replay import replay, run_replay
+    from rangeeval.analyses.truth import truth
+    from rangeeval.flow import check, compare, evaluate, report
     from rangeeval.model import Bins, Result, SensorArray, Trial, log_of
     from rangeeval.parsers import open_trial
 
@@ -29,8 +31,12 @@ _WHERE = {
     "correct_plots": "rangeeval.analyses.attitude",
     "bearing": "rangeeval.analyses.bearing",
     "bearing_tracks": "rangeeval.analyses.bearing",
+    "replay": "rangeeval.analyses.replay",
+    "run_replay": "rangeeval.analyses.replay",
+    "truth": "rangeeval.analyses.truth",
     "evaluate": "rangeeval.flow",
     "check": "rangeeval.flow",
+    "compare": "rangeeval.flow",
     "report": "rangeeval.flow",
     "Bins": "rangeeval.model",
     "Result": "rangeeval.model",
@@ -49,12 +55,16 @@ __all__ = [
     "bearing",
     "bearing_tracks",
     "check",
+    "compare",
     "correct_plots",
     "evaluate",
     "log_of",
     "open_trial",
     "rcs",
+    "replay",
     "report",
+    "run_replay",
+    "truth",
 ]
 
 

@@ -1,6 +1,6 @@
 """The nouns: log kinds and their columns, tables, trials and their settings, bins, estimates and results."""
 
-from rangeeval.model.bins import Bins
+from rangeeval.model.bins import BinChoice, Bins
 from rangeeval.model.kinds import KINDS, Column, LogKind, recognise
 from rangeeval.model.result import Estimate, Result
 from rangeeval.model.settings import SensorArray, TrialSettings, settings_from
@@ -11,6 +11,7 @@ from rangeeval.model.updates import updates
 __all__ = [
     "CHUNK_ROWS",
     "KINDS",
+    "BinChoice",
     "Bins",
     "Column",
     "Estimate",

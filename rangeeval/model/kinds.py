@@ -104,6 +104,8 @@ RESIDUALS = LogKind(
         _c("waveform", about="waveform in use", text=True),
         _c("attenuation_db", "db", "attenuator state"),
         *_GAINS,
+        _c("nis", about="normalised innovation squared of the update"),
+        *(_c(f"mode_{i}_probability", about=f"probability of model {i} of an IMM filter") for i in range(1, 5)),
     ),
     any_of=(
         "range_residual_m",
@@ -187,6 +189,21 @@ TRUTH = LogKind(
         _c("up_m", "m", "above the site"),
         _c("east_m", "m", "east of the site"),
         _c("bearing_rad", "rad", "bearing from the array, from its x axis towards its y axis"),
+        *(
+            _c(f"{axis}_velocity_m_s", "m_s", f"velocity {about}")
+            for axis, about in (("north", "to the north"), ("up", "upwards"), ("east", "to the east"))
+        ),
+        *(
+            _c(f"covariance_{a}_{b}_m2", "m2", f"covariance of {a} and {b}")
+            for a, b in (
+                ("north", "north"),
+                ("north", "up"),
+                ("north", "east"),
+                ("up", "up"),
+                ("up", "east"),
+                ("east", "east"),
+            )
+        ),
     ),
     any_of=("latitude_deg", "north_m", "bearing_rad"),
 )

@@ -162,6 +162,58 @@ class SensorArray:
 
 UNKNOWN_ARRAY = SensorArray()
 
+
+@dataclass(frozen=True)
+class TruthSettings:
+    """How plots are compared with truth.
+
+    `max_gap_s`: points of the truth farther apart leave a gap (default: five of its usual intervals, a second at
+    least). `gate_m`: how near a target whose name no path has must be to a path. `time_offset_s`: how much later than
+    the plots' clock the truth's is read.
+    """
+
+    max_gap_s: float | None = None
+    gate_m: float | None = None
+    time_offset_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class ReplaySettings:
+    """How recorded plots are run through a tracking filter; the command line's options go before these.
+
+    `range_sigma_m`, `azimuth_sigma_deg`, `elevation_sigma_deg`: measurement noise (default: estimated from the plots
+    themselves). `association`: `id`, `nearest`, `global` or `pda` (default: by target_id where the log has it, else
+    global). `process_noise_m_s2`, `turn_noise_rad_s`, `turn_prior_rad_s`: of the filter's models, one value a model.
+    `transition`: rows of the IMM's matrix per `reference_interval_s`. `alpha`, `beta`: gains of range, y, z instead of
+    those of the tracking index of `design_acceleration_m_s2`. `face`: `target` (an antenna that turns to each target),
+    or `site` (a face fixed by [site] heading_deg and tilt_deg). `gate_probability`, `restart_after`, `restart_gap_s`:
+    when a plot is not believed, and when a track starts anew. `detection_probability`, `clutter_per_m3`: of `pda`.
+    `ospa_cutoff_m`: of OSPA and GOSPA.
+    """
+
+    filter: str | None = None
+    range_sigma_m: float | None = None
+    azimuth_sigma_deg: float | None = None
+    elevation_sigma_deg: float | None = None
+    association: str | None = None
+    process_noise_m_s2: tuple[float, ...] = ()
+    turn_noise_rad_s: float | None = None
+    turn_prior_rad_s: float | None = None
+    transition: tuple[tuple[float, ...], ...] = ()
+    reference_interval_s: float | None = None
+    alpha: tuple[float, ...] = ()
+    beta: tuple[float, ...] = ()
+    design_acceleration_m_s2: float | None = None
+    face: str = "target"
+    gate_probability: float | None = None
+    restart_after: int | None = None
+    restart_gap_s: float | None = None
+    detection_probability: float = 0.9
+    clutter_per_m3: float | None = None
+    max_speed_m_s: float = 1000.0
+    ospa_cutoff_m: float = 500.0
+
+
 VARIABLES = ("range", "azimuth", "elevation", "snr", "aspect", "time")
 
 
@@ -212,6 +264,8 @@ class TrialSettings:
     detections: DetectionSettings = DetectionSettings()
     radar_equation: RadarEquation = RadarEquation()
     array: SensorArray = SensorArray()
+    truth: TruthSettings = TruthSettings()
+    replay: ReplaySettings = ReplaySettings()
     bins: BinSettings = BinSettings()
     requirements: tuple[Requirement, ...] = ()
     logs: tuple[LogSettings, ...] = ()

@@ -146,6 +146,17 @@ def _trial(name: str, files: Sequence[SourceFile], settings: TrialSettings, *, m
     return Trial(name, tuple(logs), settings, tuple(sources), tuple(problems))
 
 
+def could_be_log(head: bytes, path: Path) -> bool:
+    """Whether a file that begins with `head` is worth reading as a log: a known format, no picture, no archive."""
+    if not head or _is_no_log(head) or archive.recognises(head):
+        return False
+    return any(entry.recognises(head, path) for entry in formats().values())
+
+
+def _is_no_log(head: bytes) -> bool:
+    return head.lstrip(b"\xef\xbb\xbf \t\r\n").lower().startswith(_NOT_LOGS)
+
+
 def _contents(
     files: Sequence[SourceFile], known: Mapping[str, Format]
 ) -> Iterator[tuple[list[SourceFile], str, Contents]]:
@@ -172,7 +183,7 @@ def _read(file: SourceFile, known: Mapping[str, Format]) -> tuple[str, Contents 
         raise InputError(f"{file.name}: cannot be read ({error.strerror})") from None
     if not head:
         return "", Contents(unrecognised="the file is empty")
-    if head.lstrip(b"\xef\xbb\xbf \t\r\n").lower().startswith(_NOT_LOGS) and file.settings is None:
+    if _is_no_log(head) and file.settings is None:
         return "", Contents()
     if archive.recognises(head):
         return "", Contents(unrecognised="it is the archive of a whole trial, to be read by itself")
@@ -182,4 +193,4 @@ def _read(file: SourceFile, known: Mapping[str, Format]) -> tuple[str, Contents 
     return "", Contents(unrecognised="its content is of no known format")
 
 
-__all__ = ["FORMATS", "Format", "formats", "open_trial", "read_settings", "sha256_of"]
+__all__ = ["FORMATS", "HEAD_BYTES", "Format", "could_be_log", "formats", "open_trial", "read_settings", "sha256_of"]

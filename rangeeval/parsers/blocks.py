@@ -233,9 +233,9 @@ def _parsed(
 TEXT_IN_NUMBERS = "rows with text in a number column"
 
 
-def not_a_number(place: str, column: str, cell: str) -> str:
+def not_a_number(place: str, column: str, cell: str, expected: str = "a number") -> str:
     """The line about a cell that is not a number."""
-    return f"{place}: {one_line(column, 60)} is '{one_line(cell, 40)}', not a number"
+    return f"{place}: {one_line(column, 60)} is '{one_line(cell, 40)}', not {expected}"
 
 
 def _even(tables: Iterator[Table], fields: Sequence[Field], size: int) -> Iterator[Table]:

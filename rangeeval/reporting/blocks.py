@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 Numbers = Sequence[float] | NDArray[np.floating] | NDArray[np.integer]
 
 NoticeLevel = Literal["info", "good", "caution", "bad"]
-Verdict = Literal["", "pass", "fail", "inconclusive", "info"]
-MarkKind = Literal["points", "line", "step", "bars", "stems", "band", "errorbars", "rule", "heat"]
+Verdict = Literal["", "pass", "fail", "inconclusive", "info", "better", "worse", "equivalent"]
+MarkKind = Literal["points", "line", "step", "bars", "stems", "band", "errorbars", "rule", "text", "heat"]
 FigureSize = Literal["compact", "normal", "tall"]
 
 
 _USED: dict[str, tuple[str, ...]] = {  # the series of a mark that go together
     **dict.fromkeys(("points", "line", "step", "bars", "stems"), ("x", "y")),
+    "text": ("x", "y", "texts"),
     "band": ("x", "low", "high"),
     "errorbars": ("x", "y", "low", "high"),
 }
@@ -92,12 +93,14 @@ class Mark:
     band        `x`, `low`, `high`
     errorbars   `x`, `y`, `low`, `high`: the ends of the bars, not their lengths
     rule        `x` for vertical lines or `y` for horizontal ones, across the panel
+    text        `x`, `y`, `texts`, centred there
     heat        `x` the n + 1 edges and `y` the m + 1, both evenly spaced, `z` m rows of n values from
                 the lowest y on: light where low, dark where high; on linear axes
     ==========  ==================================================================================
 
     `role` is what the series means (`measured`, `predicted`, `reference`, `limit`, `group1`, `group2`, ...);
-    the look follows from it. A mark with a `label` is listed in the figure's legend.
+    the look follows from it. A mark with a `label` is listed in the figure's legend. `texts` of points are what the
+    pointer tells of them, where x and y would say nothing.
     """
 
     kind: MarkKind
@@ -107,6 +110,7 @@ class Mark:
     high: Numbers = ()
     label: str = ""
     role: str = "measured"
+    texts: Sequence[str] = ()
     z: Sequence[Numbers] = ()
 
     def __post_init__(self) -> None:
@@ -124,7 +128,10 @@ class Mark:
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes. Panels of a figure with the same `share_x` zoom together and have the same x axis."""
+    """One pair of axes. Panels of a figure with the same `share_x` zoom together and have the same x axis.
+
+    `square`: one scale both ways and no axes; its marks draw what a reader needs (`reporting.polar`).
+    """
 
     title: str = ""
     x_label: str = ""
@@ -135,6 +142,7 @@ class Panel:
     share_x: str = ""
     x_limits: tuple[float, float] | None = None
     y_limits: tuple[float, float] | None = None
+    square: bool = False
 
 
 @dataclass(frozen=True)

@@ -50,6 +50,7 @@ _LOOKS = {
     "predicted": Look("#D55E00", (5.0, 2.5), "square"),
     "reference": Look("#5B6875", (), "triangle", 0.9),
     "limit": Look("#9B2C6F", (6.0, 2.0, 1.2, 2.0), "diamond"),
+    "grid": Look(GRID, (), "circle", 0.6),
     "none": Look("#7A6A00", (6.0, 2.0), "triangle", 1.0),
     "single": Look("#D55E00", (), "square", 0.7),
     "pair": Look("#0072B2", (), "circle", 1.2),

@@ -115,7 +115,7 @@ def render_svg(figure: Figure, glyphs: Glyphs) -> str:
     pitch = (total + gap) / columns
     widest = [0.0] * columns  # of the y tick labels in a column, so that its frames line up
     for row, column, panel in panels(figure):
-        labels = _y_ticks(panel, ranges[row, column][1], height)[1]
+        labels = [] if panel.square else _y_ticks(panel, ranges[row, column][1], height)[1]
         widest[column] = max([widest[column], *(canvas.width(label, _SMALL) for label in labels)])
     for number, (row, column, panel) in enumerate(panels(figure)):
         cell = (column * pitch, top + row * height, (column + 1) * pitch - gap, top + (row + 1) * height)
@@ -181,6 +181,9 @@ def _draw_panel(
     y_ticks = _y_ticks(panel, view[1], bottom - top)
     plot_left = left + widest + (14.0 if panel.y_label else 4.0)
     plot_right = right - 2.0
+    if panel.square:
+        _draw_square(canvas, panel, view, (left, plot_top, plot_right, bottom), clip)
+        return
     axes = _Axes(panel, view, (plot_left, plot_top, plot_right, plot_bottom))
     x_ticks = _fitting_ticks(canvas, view[0], plot_right - plot_left, panel.x_log)
 
@@ -192,13 +195,7 @@ def _draw_panel(
         + "".join(f"M{x:.1f} {plot_top:.1f}v{height:.1f}" for x in grid_x),
         f'stroke="{style.GRID}" stroke-width="0.5"',
     )
-    canvas.parts.append(
-        f'<clipPath id="{clip}"><path d="M{plot_left:.1f} {plot_top:.1f}'
-        f'h{width:.1f}v{height:.1f}h-{width:.1f}z"/></clipPath><g clip-path="url(#{clip})">'
-    )
-    for mark in panel.marks:
-        _draw_mark(canvas, axes, mark)
-    canvas.parts.append("</g>")
+    _draw_marks(canvas, axes, clip)
     canvas.path(
         f"M{plot_left:.1f} {plot_top:.1f}v{height:.1f}h{width:.1f}",
         f'stroke="{style.FRAME}" stroke-width="0.7"',
@@ -217,6 +214,30 @@ def _draw_panel(
     if panel.y_label:
         text = canvas.fitted(_with_power(panel.y_label, y_ticks[2]), _LABEL, height + 8)
         canvas.text(plot_left - widest - 7.4, (plot_top + plot_bottom) / 2, text, _LABEL, "middle", up=True)
+
+
+def _draw_marks(canvas: _Canvas, axes: _Axes, clip: str) -> None:
+    """The marks of a panel, cut off at its frame."""
+    width, height = axes.right - axes.left, axes.bottom - axes.top
+    canvas.parts.append(
+        f'<clipPath id="{clip}"><path d="M{axes.left:.1f} {axes.top:.1f}'
+        f'h{width:.1f}v{height:.1f}h-{width:.1f}z"/></clipPath><g clip-path="url(#{clip})">'
+    )
+    for mark in axes.panel.marks:
+        _draw_mark(canvas, axes, mark)
+    canvas.parts.append("</g>")
+
+
+def _draw_square(
+    canvas: _Canvas, panel: Panel, view: tuple[Range, Range], box: tuple[float, float, float, float], clip: str
+) -> None:
+    """A panel of one scale both ways: as large as fits, in the middle, under its title."""
+    left, top, right, bottom = box
+    half = 0.5 * min(right - left, bottom - top)
+    x, y = 0.5 * (left + right), 0.5 * (top + bottom)
+    _draw_marks(canvas, _Axes(panel, view, (x - half, y - half, x + half, y + half)), clip)
+    if panel.title:
+        canvas.text(left + 2, top - 5, canvas.fitted(panel.title, _TITLE, right - left - 4), _TITLE, bold=True)
 
 
 def _y_ticks(panel: Panel, view: Range, height: float) -> tuple[list[float], list[str], str]:
@@ -286,6 +307,12 @@ def _draw_mark(canvas: _Canvas, axes: _Axes, mark: Mark) -> None:
         canvas.path(_dots(across, up), _dot_stroke(seen, 2.4))
     elif mark.kind == "errorbars":
         _draw_errorbars(canvas, axes, mark, seen)
+    elif mark.kind == "text":
+        places = zip(axes.x(floats(mark.x)).tolist(), axes.y(floats(mark.y)).tolist(), mark.texts, strict=True)
+        for x, y, text in places:
+            if x == x and y == y:
+                shown = canvas.fitted(text, _SMALL, axes.right - axes.left)
+                canvas.text(x, y + _SMALL * 0.36, shown, _SMALL, "middle", colour=style.MUTED)
     elif mark.kind == "heat":
         _draw_heat(canvas, axes, mark)
     else:

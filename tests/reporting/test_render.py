@@ -59,6 +59,8 @@ MARKS = {
     "one point": Mark("points", (3.0,), (0.0,), label="one"),
     "huge": Mark("line", (0.0, 1e308, -1e308), (1e-308, 1e308, 0.0), label="huge"),
     "nothing finite": Mark("line", (np.nan, np.inf), (np.nan, 1.0), label="nan"),
+    "text": Mark("text", X[:3], X[:3], texts=["0°", "<b>", "$x$"]),
+    "told points": Mark("points", X[:2], X[:2], texts=["one", "two"], label="told"),
     "late": Mark("points", 1.7e9 + np.arange(100.0), np.arange(100.0), label="late"),
 }
 
@@ -277,6 +279,7 @@ def test_bokeh_itself_reads_what_is_written() -> None:
         for mark in MARKS.values()
         for log in (False, True)
     ]
+    panels.append(Panel("t", marks=(MARKS["text"], MARKS["told points"]), square=True))
     document = plot_document(Figure("c", "a", (panels,)), "f1", "3.0.0")
     written = {"version": "3.0.0", "config": None, "title": "", "roots": _expanded(document["doc"]["roots"])}
     read = BokehDocument.from_json(written)

@@ -1,0 +1,1 @@
+"""Alpha-beta in beam coordinates (stand-in)."""
