@@ -145,9 +145,9 @@ def _start(recording: Recording, how: How, wanted: int | None) -> _Start:
 
 
 def _process_variance(recording: Recording, how: How) -> float:
-    """Of the acceleration, per snapshot^2; by default the specification's, where a bin counts as a snapshot."""
+    """Of the acceleration, per snapshot^2: by default that of the source papers, more for the longer steps of bins."""
     if how.acceleration_rad_s2 is None:
-        return float(1e-10 * recording.bins**4)
+        return float(1e-10 * recording.bins**2)
     return float((how.acceleration_rad_s2 * recording.interval_s**2) ** 2)
 
 
