@@ -32,6 +32,8 @@ HARD_BEAMS = 0.75  # of a beam width, within which hard coasting leaves the inno
 COHERENT = 0.5  # share of the power that one wave must carry for a block's bearing to count, with one target
 BLOCK = 10
 _START_BLOCK = 20
+_FAR_BEAMS = 1.5
+_REMEMBERED = 8  # blocks through which a straight line says where a target is expected
 
 
 @dataclass(frozen=True)
@@ -182,33 +184,34 @@ def _per_block(recording: Recording, how: How, flags: tuple[str, ...]) -> Tracke
     assert how.targets is not None
     geometry, targets = recording.geometry, how.targets
     sensors, bins = geometry.sensors, recording.bins
-    block = how.block or max(2 * BLOCK, 2 * sensors) // bins or 1
-    block = min(max(block, -(-2 * sensors // bins)), len(recording.snapshots))
+    block = how.block or max(1, -(-max(2 * BLOCK, 2 * sensors) // bins))
+    block = min(max(block, -(-(sensors + 1) // bins)), len(recording.snapshots))
     estimate = PER_BLOCK[how.method]
     count = len(recording.snapshots) // block
     bearing, sigma, power = (np.full((count, targets), np.nan) for _ in range(3))
     noise, coherence = np.full(count, np.nan), np.full(count, np.nan)
-    bits = np.zeros((count, targets), np.uint8)
+    bits = np.full((count, targets), arrays.MISSING, np.uint8)
     beam = beam_width(geometry)
     grid = np.linspace(*geometry.sector, int(np.clip(4 * np.ptp(geometry.sector) / beam, 31, 721)))
     for i in range(count):
         part = recording.snapshots[i * block : (i + 1) * block]
         whole = np.isfinite(part.reshape(block, -1)).all(axis=1)
         if np.count_nonzero(whole) < max(2, sensors // bins):
-            bits[i] = arrays.MISSING
             continue
         cov = covariance(part)
         found = np.asarray(estimate(geometry, cov, targets))
         total = float(np.real(np.trace(cov, axis1=-2, axis2=-1)).sum()) / sensors
         if not total > 0 or not len(found):
-            bits[i] = arrays.MISSING
             continue
         coherence[i] = float(beamformer(geometry, cov, grid).max()) / total
-        place = _matched(bearing[:i], found, targets)
+        place, kept = _matched(bearing[:i], found, targets, _FAR_BEAMS * beam)
+        if not kept.any():
+            continue
+        place, found = place[kept], found[kept]
         bearing[i, place] = found
         heard, noises = _powers(geometry, cov, found)
         power[i, place], noise[i] = heard.mean(axis=0), noises.mean()
-        bits[i, place] |= _near(found, beam)
+        bits[i, place] = _near(found, beam)
         if targets == 1 and coherence[i] < COHERENT:
             bits[i] |= arrays.FADED
         variance = np.diag(crb(geometry, found, heard, noises, int(np.count_nonzero(whole))))
@@ -243,19 +246,27 @@ def _near(bearing: Floats, beam: float) -> NDArray[np.uint8]:
     return np.where(apart.min(axis=1, initial=np.inf) < beam, arrays.UNRESOLVED, 0).astype(np.uint8)
 
 
-def _matched(before: Floats, found: Floats, targets: int) -> NDArray[np.intp]:
-    """Which target each bearing is of: together nearest to where the targets were last."""
-    last = np.full(targets, np.nan)
-    for n in range(targets if len(before) else 0):
-        there = np.flatnonzero(np.isfinite(before[:, n]))
+def _matched(before: Floats, found: Floats, targets: int, far_rad: float) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Which target each bearing is of, and whether it is taken.
+
+    Together nearest to where straight lines through the last blocks lead. Of several targets one that has a line takes
+    no bearing farther than `far_rad` from it: that is a side lobe.
+    """
+    expected, led = np.full(targets, np.nan), np.zeros(targets, bool)
+    for n in range(targets):
+        there = np.flatnonzero(np.isfinite(before[:, n]))[-_REMEMBERED:]
         if len(there):
-            last[n] = before[there[-1], n]
-    cost = np.abs(wrapped(found[:, None] - last[None]))
+            bearing = np.unwrap(before[there, n])
+            expected[n] = bearing[-1]
+            led[n] = len(there) > 2
+            if led[n]:
+                expected[n] = np.polyfit(there - len(before), bearing, 1)[1]
+    cost = np.abs(wrapped(found[:, None] - expected[None]))
     cost = np.where(np.isfinite(cost), cost, math.pi)
-    rows, columns = linear_sum_assignment(cost)
-    place = np.empty(len(found), np.intp)
-    place[rows] = columns
-    return place
+    rows, place = linear_sum_assignment(cost)
+    far = (cost[rows, place] > far_rad) & led[place] & (targets > 1)
+    order = np.argsort(rows)
+    return place[order], ~far[order]
 
 
 __all__ = ["COASTING", "METHODS", "PER_BLOCK", "TRACKERS", "How", "Tracked", "follow"]
