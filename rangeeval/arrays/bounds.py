@@ -121,7 +121,7 @@ def _without_powers(information: Array, n: int) -> Array:
 def beam_width(geometry: ArrayGeometry, bearing_rad: float = 0.0) -> float:
     """Half-power width of the beam steered to a bearing, rad; the sector's width when the beam fills it."""
     low, high = geometry.sector
-    off = np.linspace(0.0, high - low, 2881)[1:]
+    off = (high - low) * np.geomspace(1e-4, 1.0, 200)  # steps of 5 %: fine enough for beams of any width
     middle = steering(geometry, [bearing_rad])[0].reshape(geometry.bins, geometry.sensors, 1)
     width = 0.0
     for side in (1.0, -1.0):

@@ -192,7 +192,7 @@ def _crowded(geometry: ArrayGeometry, bearing: Array) -> NDArray[np.bool_]:
     if n < 2:
         return close
     low, high = geometry.sector
-    grid = np.linspace(low, high, 25)
+    grid = np.linspace(low, high, 13)
     width = np.array([beam_width(geometry, b) for b in grid])
     inside = np.mod(bearing - low, 2 * math.pi) + low if geometry.full_circle else np.clip(bearing, low, high)
     own = np.interp(inside, grid, width)

@@ -304,7 +304,7 @@ def crossing_text(runs: int = 60, seed: int = 1, *, progress: Callable[[str], No
         lines.append(f"{name:<{width}}" + "".join(f"{cell:>14}" for cell in cells))
     lines += [
         "",
-        f"Two targets meet and part again (0.1 deg a snapshot), {runs} runs: share swapped (lost) by least distance, deg",
+        f"Two targets meet and part (0.1 deg a snapshot), {runs} runs: share swapped (lost) by least distance, deg",
         " " * width + "".join(f"{nearest:>14g}" for nearest in NEAREST_DEG),
     ]
     bouncing = (CROSSING_METHODS[1], CROSSING_METHODS[4], CROSSING_METHODS[6])
