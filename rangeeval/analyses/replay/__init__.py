@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rangeeval.analyses.replay.against_truth import Compared, compare, error_rows, scene, set_rows
 from rangeeval.analyses.replay.comparing import MAIN, paired_rows
-from rangeeval.analyses.replay.gathering import Gathered, gather_tracks
+from rangeeval.analyses.replay.gathering import COORDINATES, Gathered, gather_tracks
 from rangeeval.analyses.replay.logs import Columns, as_csv, reference_log, residual_log
 from rangeeval.analyses.replay.numbers import (
     Place,
@@ -161,7 +161,7 @@ def replay(
             "measurement_noise": dict(
                 zip(("range_m", "azimuth_rad", "elevation_rad"), gathered.noise.sigma, strict=True)
             ),
-            "measurement_noise_from": dict(zip(("range", "azimuth", "elevation"), gathered.noise.origin, strict=True)),
+            "measurement_noise_from": {c: gathered.noise.origin[k] for k, c in enumerate(_measured(gathered))},
             "association": gathered.method,
             "usual_interval_s": gathered.interval_s,
             "axes": "x east, y north, z up",
@@ -253,6 +253,11 @@ def _told(u: Updates, gathered: Gathered) -> list[Problem]:
         text = "tracks with too few plots for a single update: no estimate"
         said.append(Problem(gathered.log.source, text, 0, tuple(f"track {n}" for n in short[:3])))
     return said
+
+
+def _measured(gathered: Gathered) -> tuple[str, ...]:
+    """The coordinates that any plot has."""
+    return COORDINATES[:2] if all(t.plots.planar for t in gathered.tracks) else COORDINATES
 
 
 def _split(values: Floats, runs: Sequence[Run]) -> list[Floats]:
