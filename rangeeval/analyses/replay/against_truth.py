@@ -110,7 +110,7 @@ def _sigmas(state: Floats, covariance: Floats, true: Floats, own: ReplaySettings
     d = 2 if planar else 3
     away = state[:, :d] - true[:, :d]
     s = np.nan_to_num(covariance[:, :d, :d]) + np.eye(d) * (FLOOR_SHARE * own.ospa_cutoff_m) ** 2
-    known = np.isfinite(away).all(axis=1)
+    known = np.isfinite(away.sum(axis=1))
     solved = np.linalg.solve(s, np.where(known[:, None], away, 0.0)[..., None])[..., 0]
     return np.where(known, np.sqrt(np.maximum(np.sum(away * solved, axis=1), 0.0)), np.nan)
 

@@ -82,6 +82,6 @@ def _innovations(name: str, run: Run) -> dict[str, Series]:
 def _modes(run: Run) -> Series:
     time = run.measurements.time_s
     p = run.mode_probability
-    rows, breaks = _rows(time, np.isfinite(p).all(axis=1), 4 * POINTS)
+    rows, breaks = _rows(time, np.isfinite(p.sum(axis=1)), 4 * POINTS)
     columns = {f"mode_{m + 1}": _line(p[:, m], rows, breaks) for m in range(p.shape[1])}
     return {"time_s": np.insert(time[rows], breaks, time[rows[breaks]]).tolist(), **columns}
