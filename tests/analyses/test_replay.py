@@ -172,6 +172,73 @@ def test_filters_are_compared_update_by_update():
     assert set(difference.flags) & {"better", "worse", "not-told-apart"}
 
 
+WRONG = {"range_sigma_m": 20.0, "azimuth_sigma_deg": 0.1, "elevation_sigma_deg": 0.05}
+
+
+def test_tuning_finds_noise_and_manoeuvre_from_wrong_beginnings():
+    """Started from noises twice off: every chosen value in its interval, and the likelihood gains on unseen tracks too."""
+    tables = [target(f"T{k}", k)[0] for k in range(5)]
+    result = replay(trial_of(joined(tables), settings={"replay": WRONG}), BINS, filter="kalman", tune=True)
+    chosen = dict(
+        zip(("range_noise", "azimuth_noise", "elevation_noise", "process_noise_1"), (*SIGMA, 2.0), strict=True)
+    )
+    for name, value in chosen.items():
+        row = whole(result, f"tuned_{name}")
+        assert row.low < value < row.high, row
+        assert row.high / row.low < 1.5
+        assert "tuned" in row.flags
+    assert whole(result, "tuning_gain_held_out").low > 0
+    assert whole(result, "nis_ratio").value == pytest.approx(1.0, abs=0.05)
+    assert whole(result, "range_noise").value == whole(result, "tuned_range_noise").value
+
+
+def test_a_target_that_flies_straight_leaves_the_process_noise_at_its_floor():
+    """The likelihood asks for none: the floor, flagged, without an interval."""
+    plots, _ = target(acceleration=0.0)
+    row = whole(
+        replay(trial_of(plots, settings={"replay": WRONG}), BINS, filter="kalman", tune=True), "tuned_process_noise_1"
+    )
+    assert row.value == pytest.approx(0.1, rel=1e-2)
+    assert "at-floor" in row.flags
+    assert math.isnan(row.low)
+
+
+@pytest.mark.slow
+def test_intervals_of_tuned_values_hold_them_about_as_often_as_they_say():
+    """One recorded track of 150 plots, 60 times: of 240 intervals at least 88 % hold their value."""
+    held = 0
+    for seed in range(60):
+        plots, _ = target(seed=seed, n=150)
+        result = replay(trial_of(plots, settings={"replay": WRONG}), BINS, filter="kalman", tune=True)
+        names = ("range_noise", "azimuth_noise", "elevation_noise", "process_noise_1")
+        for name, value in zip(names, (*SIGMA, 2.0), strict=True):
+            row = whole(result, f"tuned_{name}")
+            held += row.low <= value <= row.high
+    assert held >= 0.88 * 240
+
+
+@pytest.mark.slow
+def test_an_imm_filter_is_tuned_with_all_its_parameters():
+    """Noise in its interval; two models' noises and persistence come out, the likelihood gains."""
+    tables = [target(f"T{k}", k, acceleration=4.0)[0] for k in range(3)]
+    result = replay(trial_of(joined(tables), settings={"replay": WRONG}), BINS, filter="imm", tune=True)
+    for name, value in zip(("range_noise", "azimuth_noise", "elevation_noise"), SIGMA, strict=True):
+        row = whole(result, f"tuned_{name}")
+        assert row.low < value < row.high
+    assert whole(result, "tuning_gain").low > 0
+    assert {"tuned_process_noise_2", "tuned_turn_prior_2", "tuned_stay_probability_1"} <= {
+        r.quantity for r in result.rows
+    }
+
+
+def test_what_cannot_be_tuned_is_said():
+    """Alpha-beta has no likelihood; ten plots are too few."""
+    with pytest.raises(RangeevalError, match="kalman or imm"):
+        replay(trial_of(target()[0]), BINS, filter="alpha-beta", tune=True)
+    with pytest.raises(RangeevalError, match="too few to tune"):
+        replay(trial_of(target(n=10)[0]), BINS, filter="kalman", tune=True)
+
+
 def shaken(what):
     """Plots of one target after one mishap."""
     plots, _ = target(n={"one plot": 1, "two plots": 2, "three plots": 3}.get(what, 200))

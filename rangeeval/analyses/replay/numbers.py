@@ -195,7 +195,7 @@ def noise_rows(gathered: Gathered) -> list[Estimate]:
         if name == "elevation" and planar:
             continue
         found = noise.estimates.get(name, Interval(noise.sigma[k], math.nan, math.nan, 0, math.nan))
-        flags = {"given": "given", "estimated": "from-scatter", "assumed": "assumed-noise"}[noise.origin[k]]
+        flags = {"estimated": "from-scatter", "assumed": "assumed-noise"}.get(noise.origin[k], noise.origin[k])
         rows.append(Estimate(
             quantity=f"{name}_noise", unit=UNITS[name], value=noise.sigma[k], low=found.low, high=found.high, n=found.n,
             n_eff=found.n_eff, flags=(flags,),

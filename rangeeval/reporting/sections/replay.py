@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from rangeeval.model import Estimate, Result
@@ -62,7 +63,7 @@ def short_tables(result: Result, caption: str, *, summary: bool = False) -> list
     """What a terminal and the summary show: consistency and errors, bin by bin, and filters compared."""
     if summary:
         return [_bin_table(result, caption, _NARROW)]
-    found = (_noise_table(result), _filter_table(result), _paired_table(result))
+    found = (_noise_table(result), _tuned_table(result), _filter_table(result), _paired_table(result))
     return [_bin_table(result, caption), *(t for t in found if t)]
 
 
@@ -122,6 +123,25 @@ def _noise_table(result: Result) -> Table:
     return Table("Measurement noise given to the filter", ["Coordinate", "σ", "Unit", "Where from"], body, "lrll")
 
 
+def _tuned_table(result: Result) -> Table | None:
+    body: list[list[str | Cell]] = []
+    for r in result.rows:
+        if r.quantity.startswith("tuned_") and not r.quantity.endswith(
+            ("range_noise", "azimuth_noise", "elevation_noise")
+        ):
+            unit = {"m_s2": "m/s²", "rad_s": "rad/s"}.get(r.unit, "")
+            words = r.quantity.removeprefix("tuned_").replace("_", " ")
+            body.append([words, estimate_text(replace(r, unit=unit)), unit, flags_text(r.flags)])
+        elif r.quantity.startswith("tuning_gain"):
+            where = " on tracks held out" if r.quantity.endswith("held_out") else ""
+            body.append([f"gain in log-likelihood per update{where}", estimate_text(r), "", flags_text(r.flags)])
+    if not body:
+        return None
+    return Table(
+        "Tuned to the plots (numbers count the filter's models)", ["Parameter", "Value", "Unit", "Flags"], body, "lrll"
+    )
+
+
 def _verdict(result: Result) -> list[Block]:
     """Whether the filter fits, in words."""
     row = _whole(result, "nis_ratio")
@@ -141,6 +161,7 @@ def _verdict(result: Result) -> list[Block]:
 def _overview(result: Result) -> list[Block]:
     s = result.settings
     blocks: list[Block] = [*_verdict(result), _noise_table(result)]
+    blocks += [tuned] if (tuned := _tuned_table(result)) else []
     blocks.append(_bin_table(result, f"Every bin, with {s['confidence'] * 100:g} % intervals", _NARROW))
     drawn = _trajectory(result)
     blocks += [drawn] if drawn else []
@@ -351,8 +372,6 @@ def _truth(result: Result) -> list[Block]:
 
 def _plain_squares(row: Estimate | None) -> Estimate | None:
     """A row in m^2 that is no radar cross section: shown as it is, not in dBsm."""
-    from dataclasses import replace
-
     return replace(row, unit="m²") if row is not None and row.unit == "m^2" else row
 
 
