@@ -21,3 +21,16 @@ def compiled(function: F) -> F:
         return function
     compiled_function: F = numba.njit(nogil=True, cache=True)(function)
     return compiled_function
+
+
+def compiled_ieee(function: F) -> F:
+    """As `compiled`, but a division by zero gives infinity or NaN instead of raising.
+
+    For kernels that guard their divisions: without the branches that raise, their small loops vectorise.
+    """
+    try:
+        import numba
+    except ImportError:
+        return function
+    compiled_function: F = numba.njit(nogil=True, cache=True, error_model="numpy")(function)
+    return compiled_function
