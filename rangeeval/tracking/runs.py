@@ -29,6 +29,7 @@ from rangeeval.tracking.cycle import (
     UPDATES,
     Setup,
     run_tracks,
+    scratch,
 )
 from rangeeval.tracking.filters import AlphaBeta, AnyFilter, Filter
 from rangeeval.tracking.measurements import Measurements
@@ -171,9 +172,9 @@ def _run(spec: Filter, batch: Batch, level: int) -> tuple[FloatArray, FloatArray
     n = len(batch.rows) if level > LIKELIHOOD else 0
     total = np.zeros(batch.planar.size)
     table = np.full((n, PROBABILITY + models * (182 if level == DETAIL else 1)), np.nan)
-    table[:, DOF : PROBABILITY] = 0.0
+    table[:, DOF:PROBABILITY] = 0.0
     flags = np.zeros(n, dtype=np.int64)
-    run_tracks(setup, level, batch.offsets, batch.rows, batch.planar, total, table, flags)
+    run_tracks(*setup, level, batch.offsets, batch.rows, batch.planar, total, table, flags, *scratch(models))
     return total, table, flags
 
 
@@ -253,9 +254,9 @@ def _check_intervals(setup: Setup, batch: Batch) -> None:
     if np.all(np.isfinite(setup.pi)):
         return
     steps = np.diff(batch.rows[:, 0])
-    steps[batch.offsets[1:-1] - 1] = setup.reference
-    if np.any(np.abs(steps - setup.reference) > 1e-9 * setup.reference):
+    steps[batch.offsets[1:-1] - 1] = setup.scalars.reference
+    if np.any(np.abs(steps - setup.scalars.reference) > 1e-9 * setup.scalars.reference):
         raise ValueError(
-            f"these transition probabilities leave a model sooner than one reference interval ({setup.reference:g} s) and "
+            f"these transition probabilities leave a model sooner than one reference interval ({setup.scalars.reference:g} s) and "
             "cannot be spread over the plots' other intervals; give larger probabilities of staying"
         )
