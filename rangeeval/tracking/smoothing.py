@@ -47,7 +47,7 @@ def backward(setup: Setup, later: Densities, predicted: Densities, filtered: Den
         xs, ps = later.state[:, j, :n], later.covariance[:, j, :n, :n]
         xp, pp = predicted.state[:, j, :n], predicted.covariance[:, j, :n, :n]
         information = _inverse(pp)
-        more = _positive(_inverse(ps) - information, ps)
+        more = _positive(_inverse(ps) - information)
         vector = _times(more, xs) + _times(information, xs - xp)
         base = _integral(xp, pp, more, vector)
         for i, from_motion in enumerate(motions):
@@ -202,13 +202,11 @@ def _inverse(matrix: FloatArray) -> FloatArray:
     return symmetric
 
 
-def _positive(matrix: FloatArray, covariance: FloatArray) -> FloatArray:
-    """The nearest matrix without negative eigenvalues, in units of the covariance's sigmas."""
-    scale = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-    values, vectors = np.linalg.eigh(matrix * scale[..., :, None] * scale[..., None, :])
-    positive = (vectors * np.maximum(values, 0.0)[..., None, :]) @ _t(vectors)
-    back: FloatArray = positive / (scale[..., :, None] * scale[..., None, :])
-    return back
+def _positive(matrix: FloatArray) -> FloatArray:
+    """The nearest matrices without negative eigenvalues: merging can leave a smoothed density wider than its prediction."""
+    values, vectors = np.linalg.eigh(matrix)
+    positive: FloatArray = (vectors * np.maximum(values, 0.0)[..., None, :]) @ _t(vectors)
+    return positive
 
 
 def _times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
