@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from typing import Any
 
 from rangeeval.model import Estimate, Result
 from rangeeval.reporting.blocks import Cell, Table
+from rangeeval.reporting.layouts import own
 from rangeeval.reporting.wording import (
     bin_text,
     estimate_text,
@@ -19,18 +19,6 @@ from rangeeval.reporting.wording import (
     unit_name,
 )
 from rangeeval.units import shown
-
-HEADLINES = {
-    "accuracy": ("range_sigma", "elevation_sigma", "azimuth_sigma"),
-    "rcs": ("detection_probability", "rcs"),
-}
-
-
-# Analyses whose short form is not one table of bins by quantities: module:function(result, caption, summary) -> tables.
-SHORT_TABLES = {
-    "attitude": "rangeeval.reporting.attitude_tables:short_tables",
-    "rcs": "rangeeval.reporting.sections.rcs:short_tables",
-}
 
 
 @dataclass(frozen=True)
@@ -67,21 +55,16 @@ def pooled(result: Result) -> list[Estimate]:
 def headline_quantities(result: Result) -> tuple[str, ...]:
     """The quantities an analysis's short table shows; by default the first few it has."""
     present = dict.fromkeys(r.quantity for r in result.rows)
-    chosen = tuple(q for q in HEADLINES.get(result.analysis, ()) if q in present)
+    chosen = tuple(q for q in own(result.analysis, "HEADLINE", ()) if q in present)
     return chosen or tuple(present)[:4]
 
 
-def short_tables(
-    result: Result, *, caption: str, rows: Sequence[Estimate] | None = None, summary: bool = False
-) -> list[Table]:
-    """What a terminal shows of a result, or with `summary` the report's first page: its own tables where `SHORT_TABLES`
-    names them, else one of bins by quantities.
-    """
-    if where := SHORT_TABLES.get(result.analysis):
-        module, name = where.split(":")
-        tables: list[Table] = getattr(importlib.import_module(module), name)(result, caption, summary=summary)
-        return tables
-    return [headline_table(result, caption=caption, rows=rows)]
+def short_tables(result: Result, caption: str, *, summary: bool = False) -> list[Table]:
+    """What a terminal shows of a result, or with `summary` the report's first page: the layout's own tables, or one."""
+    tables: list[Table] | None = None
+    if layout := own(result.analysis, "short_tables"):
+        tables = layout(result, caption, summary=summary)
+    return tables or [headline_table(result, caption=caption, rows=pooled(result) if summary else None)]
 
 
 def headline_table(
@@ -91,7 +74,7 @@ def headline_table(
     quantities = headline_quantities(result)
     chosen = without_lone_groups(lines(rows if rows is not None else result.rows, quantities))
     named = any(line.first.group or line.first.track_id for line in chosen)
-    units = {r.quantity: unit_name(r.unit) for r in result.rows}
+    units = {r.quantity: unit_name(r.unit, r.quantity) for r in result.rows}
     head = ["Bin", *(["Group"] if named else []), "n"]
     head += [f"{quantity_name(q)}{f' ({units[q]})' if units[q] else ''}" for q in quantities] + ["Flags"] * flags
     body: list[list[str | Cell]] = []

@@ -27,7 +27,11 @@ from rangeeval.units import shown, shown_variable
 AXES = {"range": "range_sigma", "y": "elevation_sigma", "z": "azimuth_sigma"}
 _NAMES = {"range": "Range", "y": "Elevation (y)", "z": "Azimuth (z)"}
 
-
+HEADLINE = ("range_sigma", "elevation_sigma", "azimuth_sigma")
+NOTE = (
+    "σ: random error only, with its {confidence:.0%} interval. "
+    "A constant bias leaves no trace in residuals and is not in these numbers."
+)
 SUMMARY_NOTICE = Notice(
     "These numbers come from the tracker's own residuals and gains, without truth. They show the random error. A "
     "constant bias (range zero offset, boresight error) leaves no trace in residuals and is not in any number here.",

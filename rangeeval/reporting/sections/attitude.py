@@ -19,11 +19,17 @@ from rangeeval.reporting.attitude_tables import (
     motion_table,
     of_trial,
     sensor_table,
+    short_tables,
 )
 from rangeeval.reporting.blocks import Block, Figure, Mark, Notice, Panel, Paragraph, Section
 from rangeeval.reporting.sections.common import flag_notices
 from rangeeval.reporting.wording import estimate_text
 from rangeeval.units import shown_variable
+
+NOTE = (
+    "Intervals: {confidence:.0%}. The pair's attitude stands for the truth; sway of the rotation centre, "
+    "bias and wrong radii are not in its σ but in the budget (--format json)."
+)
 
 _DEG = 1 / DEGREE
 _ANGLES = {"azimuth": "Azimuth", "elevation": "Elevation"}
@@ -401,4 +407,4 @@ def _method(result: Result) -> list[Block]:
     return blocks
 
 
-__all__ = ["sections", "summary_figure"]
+__all__ = ["NOTE", "sections", "short_tables", "summary_figure"]

@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 from rangeeval.model import Result
-from rangeeval.reporting.blocks import Paragraph, Section
+from rangeeval.reporting.blocks import Paragraph, Section, Table
 from rangeeval.reporting.tables import verdict_table
 from rangeeval.reporting.wording import in_shown_unit, quantity_name
+
+NAME = "Requirements"
+NOTE = "All bins: the verdict at the level that holds for all bins of the requirement together (Bonferroni)."
+
+
+def short_tables(result: Result, caption: str, *, summary: bool = False) -> list[Table]:
+    """What a terminal shows: every verdict."""
+    return [verdict_table(result, caption=caption)]
 
 
 def sections(result: Result) -> list[Section]:
@@ -28,4 +36,4 @@ def sections(result: Result) -> list[Section]:
         "each bin at the level at which all bins of the requirement hold together (Bonferroni). “More samples” is "
         "how many more would decide if sigma stays as it is."
     )
-    return [Section("Requirements", [*blocks, method, verdict_table(result, caption="Verdicts")], key="requirements")]
+    return [Section(NAME, [*blocks, method, verdict_table(result, caption="Verdicts")], key="requirements")]

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from rangeeval.model import Problem, Result, gather
-from rangeeval.reporting.blocks import Block, Cell, Figure, Notice, Paragraph, Section, Table
-from rangeeval.reporting.tables import headline_table, pooled, short_tables, verdict_table
+from rangeeval.reporting.blocks import Block, Cell, Notice, Paragraph, Section, Table
+from rangeeval.reporting.layouts import heading, own
+from rangeeval.reporting.tables import pooled, short_tables, verdict_table
 from rangeeval.reporting.wording import FLAGS
 
-_NAMES = {"rcs": "Detection probability and RCS"}
 
-
-def summary_section(
-    results: Sequence[Result], notice: Callable[[Result], Notice | None], figure: Callable[[Result], Figure | None]
-) -> Section:
-    """Verdicts first, then of every analysis its `notice`, its headline numbers and its `figure`, where it has them."""
+def summary_section(results: Sequence[Result]) -> Section:
+    """Verdicts first, then of every analysis its notice, its headline numbers and its figure, where it has them."""
     blocks: list[Block] = []
     for result in results:
         if result.analysis == "check":
@@ -23,9 +20,11 @@ def summary_section(
     for result in results:
         if result.analysis == "check":
             continue
-        blocks += [said] if (said := notice(result)) else []
-        blocks += short_tables(result, caption=_headline_caption(result), rows=pooled(result), summary=True)
-        blocks += [drawn] if (drawn := figure(result)) else []
+        notice, figure = (own(result.analysis, name) for name in ("SUMMARY_NOTICE", "summary_figure"))
+        blocks += [notice] if notice else []
+        blocks += short_tables(result, _headline_caption(result), summary=True)
+        drawn = figure(result) if figure else None
+        blocks += [drawn] if drawn else []
     rejected = sum(p.count for p in _problems(results) if p.rejected)
     if rejected:
         blocks.append(Paragraph("Rows that were set aside are counted, with reasons, in the chapter on what was read."))
@@ -36,8 +35,7 @@ def _headline_caption(result: Result) -> str:
     confidence = result.settings.get("confidence")
     interval = f", each with its {confidence * 100:g} % interval" if confidence else ""
     place = " per bin" if any(r.variable for r in pooled(result)) else ""
-    name = _NAMES.get(result.analysis, result.analysis.capitalize())
-    return f"{name}{place}{interval}; digits follow the interval"
+    return f"{heading(result.analysis)}{place}{interval}; digits follow the interval"
 
 
 def verdict_notices(result: Result) -> list[Block]:
@@ -58,9 +56,8 @@ def verdict_notices(result: Result) -> list[Block]:
 
 def plain_section(result: Result) -> list[Section]:
     """The chapter of an analysis that has no layout of its own."""
-    title = result.analysis.capitalize()
-    table = headline_table(result, caption=_headline_caption(result))
-    return [Section(title, [table, *flag_notices(result)], key=result.analysis)]
+    tables = short_tables(result, _headline_caption(result))
+    return [Section(heading(result.analysis), [*tables, *flag_notices(result)], key=result.analysis)]
 
 
 def flag_notices(result: Result) -> list[Block]:
@@ -106,7 +103,7 @@ def software_section(results: Sequence[Result]) -> Section:
         Table("Software", ["Package", "Version"], [[n, v] for n, v in versions.items()], "ll"),
     ]
     for result in results:
-        settings = {k: v for k, v in result.settings.items() if k not in {"counts", "requirements"}}
+        settings = {k: v for k, v in result.settings.items() if k not in {"counts", "requirements", "differences"}}
         if settings:
             rows = [[name.replace("_", " "), _setting(value)] for name, value in settings.items()]
             blocks.append(Table(f"Settings of {result.analysis}", ["Setting", "Value"], rows, "ll"))
