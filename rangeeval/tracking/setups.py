@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from rangeeval.tracking.cycle import Scalars, Setup
-from rangeeval.tracking.filters import Filter
+from rangeeval.tracking.filters import AnyFilter, Filter
 from rangeeval.tracking.mixing import PADDINGS
 from rangeeval.tracking.motion import MOTIONS
 from rangeeval.tracking.polar import UPDATES
@@ -40,10 +40,6 @@ def setup_of(spec: Filter) -> Setup:
         raise ValueError("a process noise is negative or not a number; give 0 or more")
     if not spec.reference_interval_s > 0:
         raise ValueError(f"reference_interval_s is {spec.reference_interval_s}; give seconds above 0")
-    if not 0 < spec.gate_probability <= 1:
-        raise ValueError(f"gate_probability is {spec.gate_probability}; give a probability above 0, 1 for no gate")
-    if not all(scale > 0 for scale in spec.noise_scale):
-        raise ValueError("noise_scale has a factor that is not above 0")
     table = np.zeros((m, 6))
     for row, model, probability in zip(table, models, start, strict=True):
         turns = model.motion.startswith("ct")
@@ -59,7 +55,7 @@ def setup_of(spec: Filter) -> Setup:
         motions=np.array([MOTIONS[_known(model.motion, MOTIONS)] for model in models], dtype=np.int64),
         table=table,
         pi=np.concatenate([pi, generator(pi) / spec.reference_interval_s, pi]),
-        limits=np.array([spec.noise_scale, gates(spec.gate_probability), _ABSURD]),
+        limits=limits_of(spec),
         scalars=Scalars(
             reference=float(spec.reference_interval_s),
             speed=float(spec.start_speed_m_s),
@@ -74,6 +70,15 @@ def setup_of(spec: Filter) -> Setup:
             restart_after=int(spec.restart_after),
         ),
     )
+
+
+def limits_of(spec: AnyFilter) -> FloatArray:
+    """Factors on sigma, gate and absurd NIS of a filter (3, 3); ValueError when they make no sense."""
+    if not 0 < spec.gate_probability <= 1:
+        raise ValueError(f"gate_probability is {spec.gate_probability}; give a probability above 0, 1 for no gate")
+    if not all(scale > 0 for scale in spec.noise_scale):
+        raise ValueError("noise_scale has a factor that is not above 0")
+    return np.array([spec.noise_scale, gates(spec.gate_probability), _ABSURD])
 
 
 def gates(probability: float) -> FloatArray:
