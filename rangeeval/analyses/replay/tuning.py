@@ -1,91 +1,72 @@
-"""The noise and manoeuvre parameters that the plots support: the likelihood of the innovations, maximised."""
+"""The noise and manoeuvre parameters that the plots support, with what tuning gained on tracks it had not seen."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import minimize
-from scipy.special import expit, logit, ndtri
 
 from rangeeval.analyses.replay.gathering import COORDINATES, Noise, Track
 from rangeeval.errors import InputError, SettingsError
 from rangeeval.model import Estimate
 from rangeeval.stats.mean_square import Interval, mean
+from rangeeval.tracking import tuning
 from rangeeval.tracking.filters import AlphaBeta, AnyFilter, Filter
-from rangeeval.tracking.runs import Batch, log_likelihood, run_many
-
-Floats = NDArray[np.float64]
+from rangeeval.tracking.runs import run_many
+from rangeeval.tracking.tuning import Parameter
 
 HELD_OUT = 4  # every fourth track judges the tuning, where there are so many
 FEWEST_UPDATES = 20
-STEP = 0.05  # of the numerical curvature, in the logarithm
-FLOOR_SHARE = 1e-3  # so near to a bound, in the logarithm, a value stands at it
-EVALUATIONS = 250  # of the likelihood for each parameter, at most
+# Floors keep the search off edges that no real target supports: a simulated one that is exactly straight wants no
+# process noise at all.
+_FLOORS = {"sigma": 0.1, "sigma_turn": 1e-3, "prior_turn": 1e-3, "stay": 0.5, "noise": 0.02}
+_NAMES = {
+    "sigma": ("process_noise", "m_s2"), "sigma_turn": ("turn_noise", "rad_s"), "prior_turn": ("turn_prior", "rad_s"),
+    "stay": ("stay_probability", "1"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
-class Knob:
-    """One parameter: its name and unit, how it is read from a filter and put into one, and what it is kept between.
-
-    `scale`: the unit's worth of a value (a measurement noise is a factor on the sigma that the plots were given).
-    `probability`: searched on the logit scale instead of the logarithm.
-    """
+class Value:
+    """One tuned parameter: its quantity, unit, value with interval (none at its floor), and whether it stands there."""
 
     name: str
     unit: str
-    get: Callable[[Filter], float]
-    put: Callable[[Filter, float], Filter]
-    low: float
-    high: float
-    scale: float = 1.0
-    probability: bool = False
-
-    def to_line(self, value: float) -> float:
-        """The value on the scale it is searched on."""
-        return float(logit(value)) if self.probability else math.log(value)
-
-    def of_line(self, x: float) -> float:
-        """A value back from that scale."""
-        return float(expit(x)) if self.probability else math.exp(x)
+    value: Interval
+    at_floor: bool
 
 
 @dataclass(frozen=True)
 class Tuned:
-    """The tuned filter; each parameter with its interval; what the likelihood gained, and on tracks held out."""
+    """The tuned filter, its parameters, and what the likelihood of an update gained: on tracks tuned with, held out."""
 
     spec: Filter
-    knobs: tuple[Knob, ...]
-    values: tuple[Interval, ...]
-    at_floor: tuple[bool, ...]
+    values: tuple[Value, ...]
     gain: Interval
     held_out: Interval | None
-    evaluations: int
     given: tuple[float, float, float]
 
     def noise(self, before: Noise) -> Noise:
         """The measurement noise after tuning; what was not tuned stays."""
         sigma, origin, estimates = list(before.sigma), list(before.origin), dict(before.estimates)
-        for knob, value in zip(self.knobs, self.values, strict=True):
-            name = knob.name.removesuffix("_noise")
+        for found in self.values:
+            name = found.name.removesuffix("_noise")
             if name in COORDINATES:
                 k = COORDINATES.index(name)
-                sigma[k], origin[k], estimates[name] = value.value, "tuned", value
+                sigma[k], origin[k], estimates[name] = found.value.value, "tuned", found.value
         return Noise((sigma[0], sigma[1], sigma[2]), (origin[0], origin[1], origin[2]), estimates)
 
     def as_settings(self) -> dict[str, float]:
-        """The values as `[replay]` of trial.toml has them, as far as it has them."""
-        return {knob.name: value.value for knob, value in zip(self.knobs, self.values, strict=True)}
+        """The values by name."""
+        return {found.name: found.value.value for found in self.values}
 
 
 def tune(spec: AnyFilter, tracks: Sequence[Track], sigma: tuple[float, float, float], confidence: float) -> Tuned:
     """Maximise the likelihood of the plots over measurement noise, process noise and how long the models last.
 
-    Nelder and Mead on logarithms (logits of probabilities) within bounds, on three tracks in four where there are four;
-    the others only judge. Intervals from the curvature of the likelihood at its maximum, all parameters together.
+    On three tracks in four where there are four; the others only judge. `sigma` is the noise that the plots were given.
 
     Raises
     ------
@@ -94,53 +75,17 @@ def tune(spec: AnyFilter, tracks: Sequence[Track], sigma: tuple[float, float, fl
     if isinstance(spec, AlphaBeta):
         raise SettingsError("an alpha-beta filter has no likelihood to tune by; use --filter kalman or imm")
     train, judges = _split(tracks)
-    batch = Batch.of([t.measurements for t in train])
-    knobs = _knobs(spec, sigma, planar=all(t.plots.planar for t in tracks))
+    parameters = _parameters(spec, planar=all(t.plots.planar for t in tracks))
     updates = sum(int(r.used.sum()) for r in run_many(spec, [t.measurements for t in train]))
-    if updates < max(FEWEST_UPDATES, 4 * len(knobs)):
-        raise InputError(f"{updates} updates are too few to tune {len(knobs)} parameters with")
-    open_ = replace(spec, gate_probability=1.0, restart_after=0)  # a gate would pay for throwing plots away
-
-    def with_values(x: Floats) -> Filter:
-        found = open_
-        for knob, value in zip(knobs, x, strict=True):
-            found = knob.put(found, knob.of_line(float(value)))
-        return found
-
-    evaluations = 0
-
-    def cost(x: Floats) -> float:
-        nonlocal evaluations
-        evaluations += 1
-        total = float(np.sum(log_likelihood(with_values(x), batch)))
-        return -total if math.isfinite(total) else 1e300
-
-    bounds = [(k.to_line(k.low), k.to_line(k.high)) for k in knobs]
-    start = np.array(
-        [min(max(k.to_line(k.get(spec)), a + STEP), b - STEP) for k, (a, b) in zip(knobs, bounds, strict=True)]
-    )
-    best = start
-    for _ in range(2):  # a second start from the first answer: the simplex has often become too flat by then
-        simplex = np.vstack([best, *(_moved(best, i, bounds) for i in range(len(best)))])
-        options = {"initial_simplex": simplex, "xatol": 2e-3, "fatol": 1e-2, "maxfev": EVALUATIONS * len(knobs)}
-        best = minimize(cost, best, method="Nelder-Mead", bounds=bounds, options=options).x
-    at_bound = tuple(bool(x - a < FLOOR_SHARE or b - x < FLOOR_SHARE) for x, (a, b) in zip(best, bounds, strict=True))
-    error = _errors(cost, best, at_bound)
-    z = float(ndtri(0.5 + confidence / 2))
+    if updates < max(FEWEST_UPDATES, 4 * len(parameters)):
+        raise InputError(f"{updates} updates are too few to tune {len(parameters)} parameters with")
+    found = tuning.tune(spec, [t.measurements for t in train], parameters, confidence=confidence)
     values = tuple(
-        Interval(
-            k.scale * k.of_line(x),
-            k.scale * k.of_line(x - z * s),
-            k.scale * k.of_line(x + z * s),
-            updates,
-            float(updates),
-        )
-        for k, x, s in zip(knobs, best.tolist(), error.tolist(), strict=True)
+        _value(p, sigma, Interval(*(float(v) for v in ends), updates, float(updates)))
+        for p, *ends in zip(parameters, found.values, found.low, found.high, strict=True)
     )
-    found = replace(with_values(best), gate_probability=spec.gate_probability, restart_after=spec.restart_after)
-    gain = _gain(spec, found, train, confidence)
-    held = _gain(spec, found, judges, confidence) if judges else None
-    return Tuned(found, knobs, values, at_bound, gain, held, evaluations, sigma)
+    held = _gain(spec, found.filter, judges, confidence) if judges else None
+    return Tuned(found.filter, values, _gain(spec, found.filter, train, confidence), held, sigma)
 
 
 def _split(tracks: Sequence[Track]) -> tuple[list[Track], list[Track]]:
@@ -150,104 +95,24 @@ def _split(tracks: Sequence[Track]) -> tuple[list[Track], list[Track]]:
     return [t for i, t in enumerate(tracks) if i % HELD_OUT != HELD_OUT - 1], judges
 
 
-def _moved(x: Floats, i: int, bounds: Sequence[tuple[float, float]]) -> Floats:
-    moved = x.copy()
-    moved[i] += 0.3 if x[i] + 0.3 < bounds[i][1] else -0.3
-    return moved
+def _parameters(spec: Filter, *, planar: bool) -> tuple[Parameter, ...]:
+    """All of a filter's motion models, and the noise of every coordinate that there is."""
+    return tuple(
+        Parameter(p.kind, p.index, _FLOORS[p.kind], p.ceiling)
+        for p in tuning.parameters_of(spec, motion=True, noise=True)
+        if not (p.kind == "noise" and p.index == 2 and planar)
+        and not (p.kind == "prior_turn" and len(spec.models) == 1)
+    )
 
 
-def _knobs(spec: Filter, sigma: tuple[float, float, float], *, planar: bool) -> tuple[Knob, ...]:
-    """A filter's parameters: noise of each coordinate, then of each model its noise, its prior, its persistence."""
-    found: list[Knob] = []
-    for i, name in enumerate(COORDINATES[:2] if planar else COORDINATES):
-        unit = "m" if name == "range" else "rad"
-        found.append(Knob(f"{name}_noise", unit, _scale_of(i), _put_scale(i), 0.02, 50.0, scale=sigma[i]))
-    for m, model in enumerate(spec.models, start=1):
-        floor = 0.1 if m == 1 else 0.3
-        found.append(
-            Knob(f"process_noise_{m}", "m_s2", _of_model(m, "sigma_m_s2"), _put(m, "sigma_m_s2"), floor, 300.0)
-        )
-        if model.motion.startswith("ct") and len(spec.models) > 1:
-            found.append(
-                Knob(
-                    f"turn_prior_{m}", "rad_s", _of_model(m, "prior_turn_rad_s"), _put(m, "prior_turn_rad_s"), 1e-3, 1.0
-                )
-            )
-    if len(spec.models) == 2:
-        found += [
-            Knob(f"stay_probability_{m}", "1", _stay(m), _put_stay(m), 0.5, 0.9999, probability=True) for m in (1, 2)
-        ]
-    return tuple(found)
-
-
-def _scale_of(i: int) -> Callable[[Filter], float]:
-    return lambda spec: spec.noise_scale[i]
-
-
-def _put_scale(i: int) -> Callable[[Filter, float], Filter]:
-    def put(spec: Filter, value: float) -> Filter:
-        a, b, c = (value if k == i else v for k, v in enumerate(spec.noise_scale))
-        return replace(spec, noise_scale=(a, b, c))
-
-    return put
-
-
-def _of_model(m: int, name: str) -> Callable[[Filter], float]:
-    return lambda spec: float(getattr(spec.models[m - 1], name))
-
-
-def _put(m: int, name: str) -> Callable[[Filter, float], Filter]:
-    def put(spec: Filter, value: float) -> Filter:
-        models = tuple(replace(o, **{name: value}) if k == m - 1 else o for k, o in enumerate(spec.models))
-        return replace(spec, models=models)
-
-    return put
-
-
-def _stay(m: int) -> Callable[[Filter], float]:
-    return lambda spec: spec.transition[m - 1][m - 1]
-
-
-def _put_stay(m: int) -> Callable[[Filter, float], Filter]:
-    def put(spec: Filter, value: float) -> Filter:
-        own = (value, 1.0 - value) if m == 1 else (1.0 - value, value)
-        rows = tuple(own if k == m - 1 else row for k, row in enumerate(spec.transition))
-        return replace(spec, transition=rows)
-
-    return put
-
-
-def _errors(cost: Callable[[Floats], float], best: Floats, at_bound: Sequence[bool]) -> Floats:
-    """Standard errors from the inverse of the numerical curvature; NaN at a bound or where it is not a maximum."""
-    found = np.full(len(best), np.nan)
-    free = [i for i, b in enumerate(at_bound) if not b]
-    n = len(free)
-    if not n:
-        return found
-    centre = cost(best)
-    h = np.zeros((n, n))
-
-    def at(*moves: tuple[int, float]) -> float:
-        x = best.copy()
-        for i, step in moves:
-            x[free[i]] += step
-        return cost(x)
-
-    for i in range(n):
-        h[i, i] = (at((i, STEP)) - 2 * centre + at((i, -STEP))) / STEP**2
-        for j in range(i):
-            h[i, j] = h[j, i] = (
-                at((i, STEP), (j, STEP))
-                - at((i, STEP), (j, -STEP))
-                - at((i, -STEP), (j, STEP))
-                + at((i, -STEP), (j, -STEP))
-            ) / (4 * STEP**2)
-    try:
-        variance = np.diag(np.linalg.inv(h))
-    except np.linalg.LinAlgError:
-        return found
-    found[free] = np.where(variance > 0, np.sqrt(np.abs(variance)), np.nan)
-    return found
+def _value(p: Parameter, sigma: tuple[float, float, float], found: Interval) -> Value:
+    at_floor = found.value <= 1.001 * p.floor or found.value >= 0.9999 * p.ceiling
+    if p.kind != "noise":
+        name, unit = _NAMES[p.kind]
+        return Value(f"{name}_{p.index + 1}", unit, found, at_floor)
+    s = sigma[p.index]
+    scaled = Interval(s * found.value, s * found.low, s * found.high, found.n, found.n_eff)
+    return Value(f"{COORDINATES[p.index]}_noise", "m" if p.index == 0 else "rad", scaled, at_floor)
 
 
 def _gain(before: Filter, after: Filter, tracks: Sequence[Track], confidence: float) -> Interval:
@@ -262,21 +127,18 @@ def _gain(before: Filter, after: Filter, tracks: Sequence[Track], confidence: fl
 
 def tuned_rows(found: Tuned) -> list[Estimate]:
     """The parameters with their intervals, and what tuning gained."""
-    rows = []
-    for knob, value, floor in zip(found.knobs, found.values, found.at_floor, strict=True):
-        flags = ("tuned", "at-floor") if floor else ("tuned",)
-        if floor or not math.isfinite(value.low):
-            value = replace(value, low=math.nan, high=math.nan)
-        rows.append(Estimate(
-            quantity=f"tuned_{knob.name}", unit=knob.unit, value=value.value, low=value.low, high=value.high, n=value.n,
-            n_eff=value.n_eff, flags=flags,
-        ))  # fmt: skip
-    gains = [("tuning_gain", found.gain, ())]
-    if found.held_out is not None:
-        gains.append(("tuning_gain_held_out", found.held_out, ()))
-    for name, gain, flags in gains:
-        rows.append(Estimate(
-            quantity=name, unit="1", value=gain.value, low=gain.low, high=gain.high, n=gain.n, n_eff=gain.n_eff,
-            flags=flags,
-        ))  # fmt: skip
+    rows = [
+        Estimate(
+            quantity=f"tuned_{v.name}", unit=v.unit, value=v.value.value, low=v.value.low, high=v.value.high,
+            n=v.value.n, n_eff=v.value.n_eff,
+            flags=("tuned", *(["at-floor"] if v.at_floor else []),
+                   *(["unobservable"] if not v.at_floor and math.isnan(v.value.low) else [])),
+        )
+        for v in found.values
+    ]  # fmt: skip
+    for name, gain in (("tuning_gain", found.gain), ("tuning_gain_held_out", found.held_out)):
+        if gain is not None:
+            rows.append(Estimate(
+                quantity=name, unit="1", value=gain.value, low=gain.low, high=gain.high, n=gain.n, n_eff=gain.n_eff,
+            ))  # fmt: skip
     return rows
