@@ -117,7 +117,8 @@ def _sigmas(state: Floats, covariance: Floats, true: Floats, own: ReplaySettings
 
 def error_rows(u: Updates, found: Compared, place: Place, confidence: float, flags: Sequence[str]) -> list[Estimate]:
     """Root mean square by axis, of position, velocity and prediction, and the NEES, of the rows of a place."""
-    used = place.rows & u.used & np.isfinite(found.error[:, 0])
+    # Plots that the filter did not use count: leaving them out would flatter a filter that loses its target.
+    used = place.rows & u.tracked & np.isfinite(found.error[:, 0])
     if not used.any():
         return []
     mark = u.track[used]

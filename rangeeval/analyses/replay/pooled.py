@@ -49,6 +49,11 @@ class Updates:
         return np.greater(self.dof, 0)
 
     @property
+    def tracked(self) -> BoolArray:
+        """The rows at which a track went on: with a prediction, whether or not the plot was used."""
+        return np.isfinite(self.predicted_state[:, 0])
+
+    @property
     def whitened(self) -> Floats:
         """Innovations over their own sigma."""
         with np.errstate(invalid="ignore", divide="ignore"):
