@@ -15,9 +15,21 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 def compiled(function: F) -> F:
     """Compile `function` with numba (`nogil`, cached), or return it unchanged where numba is not installed."""
+    return _compiled(function, {})
+
+
+def compiled_ieee(function: F) -> F:
+    """The same, but a division by zero gives infinity or NaN instead of raising.
+
+    For kernels that guard their divisions: without the branches that raise, their small loops vectorise.
+    """
+    return _compiled(function, {"error_model": "numpy"})
+
+
+def _compiled(function: F, options: dict[str, str]) -> F:
     try:
         import numba
     except ImportError:
         return function
-    compiled_function: F = numba.njit(nogil=True, cache=True)(function)
+    compiled_function: F = numba.njit(nogil=True, cache=True, **options)(function)
     return compiled_function

@@ -17,16 +17,19 @@ if TYPE_CHECKING:
     from rangeeval.model import Problem, Result, Trial
 
 
-def show(trial: Trial, result: Result, form: str | None, output: Path | None) -> None:
-    """Print or write a result in the form asked for (by default that of the file's ending, else a table)."""
+def show(trial: Trial | None, result: Result, form: str | None, output: Path | None) -> None:
+    """Print or write a result in the form asked for (by default that of the file's ending, else a table).
+
+    `trial`: what it was made from, when that is one trial.
+    """
     import dataclasses
 
     from rangeeval import flow
 
     form = form or {".json": "json", ".csv": "csv"}.get(output.suffix.lower() if output else "", "table")
-    problems = tuple(dict.fromkeys((*trial.problems, *result.problems)))
+    problems = tuple(dict.fromkeys((*(trial.problems if trial else ()), *result.problems)))
     if form == "json":
-        origin = result.provenance or flow.provenance(trial)
+        origin = result.provenance or (flow.provenance(trial) if trial else {})
         text = dataclasses.replace(result, problems=problems, provenance=origin).to_json() + "\n"
     elif form == "csv":
         text = result.estimates.to_csv(index=False, lineterminator="\n")

@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 Numbers = Sequence[float] | NDArray[np.floating] | NDArray[np.integer]
 
 NoticeLevel = Literal["info", "good", "caution", "bad"]
-Verdict = Literal["", "pass", "fail", "inconclusive", "info"]
-MarkKind = Literal["points", "line", "step", "bars", "stems", "band", "errorbars", "rule"]
+Verdict = Literal["", "pass", "fail", "inconclusive", "info", "better", "worse", "equivalent"]
+MarkKind = Literal["points", "line", "step", "bars", "stems", "band", "errorbars", "rule", "text", "heat"]
 FigureSize = Literal["compact", "normal", "tall"]
 
 
 _USED: dict[str, tuple[str, ...]] = {  # the series of a mark that go together
     **dict.fromkeys(("points", "line", "step", "bars", "stems"), ("x", "y")),
+    "text": ("x", "y", "texts"),
     "band": ("x", "low", "high"),
     "errorbars": ("x", "y", "low", "high"),
 }
@@ -92,10 +93,14 @@ class Mark:
     band        `x`, `low`, `high`
     errorbars   `x`, `y`, `low`, `high`: the ends of the bars, not their lengths
     rule        `x` for vertical lines or `y` for horizontal ones, across the panel
+    text        `x`, `y`, `texts`, centred there
+    heat        `x` the n + 1 edges and `y` the m + 1, both evenly spaced, `z` m rows of n values from
+                the lowest y on: light where low, dark where high; on linear axes
     ==========  ==================================================================================
 
     `role` is what the series means (`measured`, `predicted`, `reference`, `limit`, `group1`, `group2`, ...);
-    the look follows from it. A mark with a `label` is listed in the figure's legend.
+    the look follows from it. A mark with a `label` is listed in the figure's legend. `texts` of points are what the
+    pointer tells of them, where x and y would say nothing.
     """
 
     kind: MarkKind
@@ -105,8 +110,15 @@ class Mark:
     high: Numbers = ()
     label: str = ""
     role: str = "measured"
+    texts: Sequence[str] = ()
+    z: Sequence[Numbers] = ()
 
     def __post_init__(self) -> None:
+        if self.kind == "heat":
+            shape = [(len(self.y) - 1, len(self.x) - 1)] if len(self.z) else [(0, 0)]
+            rows = {len(row) for row in self.z} or {0}
+            if [(len(self.z), min(rows))] != shape or len(rows) > 1:
+                raise ValueError(f"mark '{self.label}': {len(self.z)} rows of {rows} values, not {shape[0]}")
         used = [len(getattr(self, name)) for name in _USED.get(self.kind, ())]
         if self.kind == "bars":
             used[0] -= bool(used[0])
@@ -116,7 +128,10 @@ class Mark:
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes. Panels of a figure with the same `share_x` zoom together and have the same x axis."""
+    """One pair of axes. Panels of a figure with the same `share_x` zoom together and have the same x axis.
+
+    `square`: one scale both ways and no axes; its marks draw what a reader needs (`reporting.polar`).
+    """
 
     title: str = ""
     x_label: str = ""
@@ -127,6 +142,7 @@ class Panel:
     share_x: str = ""
     x_limits: tuple[float, float] | None = None
     y_limits: tuple[float, float] | None = None
+    square: bool = False
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ hundred panels. A test reads what is written here back through bokeh's own class
 that means something else is noticed.
 
 Series longer than `EXACT` travel as 16-bit steps of the range they span, finer than a pixel, which the boot
-script turns back into doubles. That is half the size of single precision and, unlike it, does not blur times
-that are counted from 1970.
+script turns back into doubles (as it does with the levels of a heat map). That is half the size of single precision
+and, unlike it, does not blur times that are counted from 1970.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from rangeeval.reporting import style
-from rangeeval.reporting.axes import Floats, Range, floats, panels, views
+from rangeeval.reporting.axes import Floats, Range, floats, heat_levels, panels, views
 from rangeeval.reporting.blocks import Figure, Mark, Panel
 from rangeeval.reporting.text import neutral
 from rangeeval.stats.reduce import decimate, thin
@@ -81,17 +81,24 @@ def _plot(models: _Models, panel: Panel, x_range: Json, view: tuple[Range, Range
     y_axis = _axis(models, panel.y_label, panel.y_log, view[1])
     tools = [
         models.new("PanTool"),
-        models.new("BoxZoomTool", overlay=_zoom_box(models)),
+        models.new("BoxZoomTool", overlay=_zoom_box(models), match_aspect=panel.square),
         models.new("WheelZoomTool"),
         models.new("ResetTool"),
         *_hover_tools(models, panel, view, renderers),
     ]
+    grid = [
+        models.new("Grid", axis={"id": x_axis["id"]}, grid_line_color=style.GRID),
+        models.new("Grid", dimension=1, axis={"id": y_axis["id"]}, grid_line_color=style.GRID),
+    ]
+    side = height - 40
+    sizes: Json = (
+        {"frame_width": side, "frame_height": side, "width": None, "height": None, "min_border": 4}
+        if panel.square
+        else {"height": height, "sizing_mode": "stretch_width", "min_border_left": 64, "min_border_right": 12}
+    )
     return models.new(
         "Figure",
-        height=height,
-        sizing_mode="stretch_width",
-        min_border_left=64,
-        min_border_right=12,
+        **sizes,
         x_range=x_range,
         y_range=models.new("Range1d", start=view[1][0], end=view[1][1]),
         x_scale=models.new("LogScale" if panel.x_log else "LinearScale"),
@@ -106,13 +113,9 @@ def _plot(models: _Models, panel: Panel, x_range: Json, view: tuple[Range, Range
         renderers=renderers,
         toolbar=models.new("Toolbar", tools=tools, active_drag={"id": tools[1]["id"]}, active_scroll=None),
         toolbar_location=None,
-        left=[y_axis],
-        below=[x_axis],
-        center=[
-            models.new("Grid", axis={"id": x_axis["id"]}, grid_line_color=style.GRID),
-            models.new("Grid", dimension=1, axis={"id": y_axis["id"]}, grid_line_color=style.GRID),
-            *spans,
-        ],
+        left=[] if panel.square else [y_axis],
+        below=[] if panel.square else [x_axis],
+        center=[*([] if panel.square else grid), *spans],
         outline_line_color=None,
         background_fill_color=None,
         border_fill_color=None,
@@ -126,21 +129,16 @@ def _hover_tools(models: _Models, panel: Panel, view: tuple[Range, Range], rende
         [neutral(panel.x_label)[:80] or "x", f"@x{across}"],
         [neutral(panel.y_label)[:80] or "y", f"@y{up}"],
     ]
-    hovered: dict[bool, list[Json]] = {False: [], True: []}
+    told = {"text": [["", "@text"]], "low": [*plain, ["interval", f"@low{up} to @high{up}"]], "": plain}
+    hovered: dict[str, list[Json]] = {key: [] for key in told}
     for renderer in renderers:
         drawn = renderer["attributes"]
-        if drawn["glyph"]["name"] in _HOVERED:
-            names = [name for name, _ in drawn["data_source"]["attributes"]["data"]["entries"]]
-            hovered["low" in names].append({"id": renderer["id"]})
+        names = [name for name, _ in drawn["data_source"]["attributes"]["data"]["entries"]]
+        if drawn["glyph"]["name"] in _HOVERED and (not panel.square or "text" in names):
+            hovered[next((key for key in told if key in names), "")].append({"id": renderer["id"]})
     return [
-        models.new(
-            "HoverTool",
-            renderers=some,
-            tooltips=[*plain, ["interval", f"@low{up} to @high{up}"]] if interval else plain,
-        )
-        for interval, some in hovered.items()
-        if some
-    ]
+        models.new("HoverTool", renderers=some, tooltips=told[key]) for key, some in hovered.items() if some
+    ]  # fmt: skip
 
 
 _FONT = "system-ui, 'Segoe UI', 'DejaVu Sans', sans-serif"
@@ -230,6 +228,13 @@ def _renderers(models: _Models, mark: Mark, panel: Panel) -> list[Json]:
         "line_dash": _dash(seen),
     }
     floor = _floor(panel)
+    if mark.kind == "text" or (mark.kind == "points" and mark.texts):
+        told = {"x": x, "y": y, "text": [neutral(text)[:200] for text in mark.texts]}
+        if mark.kind == "points":
+            return [_renderer(models, "Scatter", told, _scatter(seen, 7, 1.0))]
+        return [_renderer(models, "Text", told, _values(text_color=style.MUTED, text_font_size="11px",
+                text_font=_FONT, text_align="center", text_baseline="middle")
+                | {"text": {"type": "field", "field": "text"}})]  # fmt: skip
     if mark.kind == "points":
         x, y = thin(x, y)
         size, alpha = (7, 1.0) if x.size <= 60 else (4.5, 0.75) if x.size <= 500 else (3.0, 0.55)
@@ -271,6 +276,8 @@ def _renderers(models: _Models, mark: Mark, panel: Panel) -> list[Json]:
             _segments(models, columns, "floor", "y", seen),
             _renderer(models, "Scatter", {"x": x, "y": y}, _scatter(seen, 6, 1.0)),
         ]
+    if mark.kind == "heat":
+        return [_heat(models, mark)] if len(mark.z) else []
     if mark.kind == "errorbars":
         columns = {"x": x, "y": y, "low": low, "high": high}
         return [
@@ -278,6 +285,22 @@ def _renderers(models: _Models, mark: Mark, panel: Panel) -> list[Json]:
             _renderer(models, "Scatter", columns, _scatter(seen, 7, 1.0)),
         ]
     return []
+
+
+def _heat(models: _Models, mark: Mark) -> Json:
+    """An image of one byte a cell, coloured by its levels."""
+    levels, x, y = heat_levels(mark), floats(mark.x), floats(mark.y)
+    picture = {"levels": base64.b64encode(levels.tobytes()).decode(), "shape": list(levels.shape)}
+    mapper = models.new(
+        "LinearColorMapper",
+        palette=style.heat_colours(),
+        low=0,
+        high=style.HEAT_LEVELS,
+        high_color="rgba(255, 255, 255, 0)",
+    )
+    glyph = {"image": {"type": "field", "field": "image"}, "color_mapper": mapper}
+    glyph |= _values(x=float(x[0]), y=float(y[0]), dw=float(x[-1] - x[0]), dh=float(y[-1] - y[0]))
+    return _glyph_renderer(models, [["image", [picture]]], models.new("Image", **glyph))
 
 
 def _floor(panel: Panel) -> float:
@@ -305,15 +328,19 @@ def _segments(models: _Models, columns: dict[str, Floats], start: str, end: str,
     return _renderer(models, "Segment", columns, glyph)
 
 
-def _renderer(models: _Models, name: str, columns: dict[str, Floats], glyph: Json) -> Json:
-    data = {"type": "map", "entries": [[key, column(values)] for key, values in columns.items()]}
+def _renderer(models: _Models, name: str, columns: dict[str, Any], glyph: Json) -> Json:
+    entries = [[key, values if isinstance(values, list) else column(values)] for key, values in columns.items()]
     fields = {"x": {"type": "field", "field": "x"}, "y": {"type": "field", "field": "y"}}
-    drawn = models.new(name, **(fields if name in ("Scatter", "Line", "Step") else {}), **glyph)
+    drawn = models.new(name, **(fields if name in ("Scatter", "Line", "Step", "Text") else {}), **glyph)
+    return _glyph_renderer(models, entries, drawn)
+
+
+def _glyph_renderer(models: _Models, entries: list[list[Any]], drawn: Json) -> Json:
     return models.new(
         "GlyphRenderer",
         data_source=models.new(
             "ColumnDataSource",
-            data=data,
+            data={"type": "map", "entries": entries},
             selected=models.new("Selection"),
             selection_policy=models.new("UnionRenderers"),
         ),

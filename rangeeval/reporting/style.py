@@ -19,6 +19,22 @@ GRID = "#e3e8ed"
 FRAME = "#9aa7b3"
 
 
+HEAT = ("#FFFFFF", "#E3E8ED", "#C3CCD4", "#9DA9B5", "#76838F")  # from low to high: greys, under coloured lines
+HEAT_LEVELS = 64
+
+
+def heat_colours() -> list[str]:
+    """`HEAT_LEVELS` colours from the lowest value to the highest, evenly between those of `HEAT`."""
+    stops = [[int(colour[i : i + 2], 16) for i in (1, 3, 5)] for colour in HEAT]
+    found = []
+    for level in range(HEAT_LEVELS):
+        at = level * (len(stops) - 1) / (HEAT_LEVELS - 1)
+        i = min(int(at), len(stops) - 2)
+        parts = (round(a + (at - i) * (b - a)) for a, b in zip(stops[i], stops[i + 1], strict=True))
+        found.append("#" + "".join(f"{part:02X}" for part in parts))
+    return found
+
+
 @dataclass(frozen=True)
 class Look:
     """How one role is drawn: a colour, a dash pattern in points (empty: solid) and a marker shape."""
@@ -34,6 +50,7 @@ _LOOKS = {
     "predicted": Look("#D55E00", (5.0, 2.5), "square"),
     "reference": Look("#5B6875", (), "triangle", 0.9),
     "limit": Look("#9B2C6F", (6.0, 2.0, 1.2, 2.0), "diamond"),
+    "grid": Look(GRID, (), "circle", 0.6),
     "none": Look("#7A6A00", (6.0, 2.0), "triangle", 1.0),
     "single": Look("#D55E00", (), "square", 0.7),
     "pair": Look("#0072B2", (), "circle", 1.2),

@@ -17,7 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rangeeval.reporting import style
-from rangeeval.reporting.axes import Floats, Range, floats, legend, panels, ticks, views
+from rangeeval.reporting.axes import (
+    MISSING_LEVEL,
+    Floats,
+    Range,
+    floats,
+    heat_levels,
+    legend,
+    panels,
+    ticks,
+    views,
+)
 from rangeeval.reporting.blocks import Figure, Mark, Panel
 from rangeeval.reporting.fonts import Glyphs
 from rangeeval.reporting.text import printable
@@ -105,7 +115,7 @@ def render_svg(figure: Figure, glyphs: Glyphs) -> str:
     pitch = (total + gap) / columns
     widest = [0.0] * columns  # of the y tick labels in a column, so that its frames line up
     for row, column, panel in panels(figure):
-        labels = _y_ticks(panel, ranges[row, column][1], height)[1]
+        labels = [] if panel.square else _y_ticks(panel, ranges[row, column][1], height)[1]
         widest[column] = max([widest[column], *(canvas.width(label, _SMALL) for label in labels)])
     for number, (row, column, panel) in enumerate(panels(figure)):
         cell = (column * pitch, top + row * height, (column + 1) * pitch - gap, top + (row + 1) * height)
@@ -139,6 +149,12 @@ def _draw_legend(canvas: _Canvas, marks: list[Mark], room: float) -> float:
 def _draw_sample(canvas: _Canvas, mark: Mark, x: float, y: float, width: float) -> None:
     seen = style.look(mark.role)
     middle = x + width / 2
+    if mark.kind == "heat":
+        for i, colour in enumerate(style.HEAT):
+            step = width / len(style.HEAT)
+            canvas.path(f"M{x + i * step:.1f} {y - 3:.1f}h{step:.1f}v6h-{step:.1f}z", f'fill="{colour}"')
+        canvas.path(f"M{x:.1f} {y - 3:.1f}h{width}v6h-{width}z", f'stroke="{style.FRAME}" stroke-width="0.4"')
+        return
     if mark.kind in ("bars", "band"):
         canvas.path(f"M{x:.1f} {y - 3:.1f}h{width}v6h-{width}z", _fill(seen, mark.kind))
         return
@@ -165,6 +181,9 @@ def _draw_panel(
     y_ticks = _y_ticks(panel, view[1], bottom - top)
     plot_left = left + widest + (14.0 if panel.y_label else 4.0)
     plot_right = right - 2.0
+    if panel.square:
+        _draw_square(canvas, panel, view, (left, plot_top, plot_right, bottom), clip)
+        return
     axes = _Axes(panel, view, (plot_left, plot_top, plot_right, plot_bottom))
     x_ticks = _fitting_ticks(canvas, view[0], plot_right - plot_left, panel.x_log)
 
@@ -176,13 +195,7 @@ def _draw_panel(
         + "".join(f"M{x:.1f} {plot_top:.1f}v{height:.1f}" for x in grid_x),
         f'stroke="{style.GRID}" stroke-width="0.5"',
     )
-    canvas.parts.append(
-        f'<clipPath id="{clip}"><path d="M{plot_left:.1f} {plot_top:.1f}'
-        f'h{width:.1f}v{height:.1f}h-{width:.1f}z"/></clipPath><g clip-path="url(#{clip})">'
-    )
-    for mark in panel.marks:
-        _draw_mark(canvas, axes, mark)
-    canvas.parts.append("</g>")
+    _draw_marks(canvas, axes, clip)
     canvas.path(
         f"M{plot_left:.1f} {plot_top:.1f}v{height:.1f}h{width:.1f}",
         f'stroke="{style.FRAME}" stroke-width="0.7"',
@@ -201,6 +214,30 @@ def _draw_panel(
     if panel.y_label:
         text = canvas.fitted(_with_power(panel.y_label, y_ticks[2]), _LABEL, height + 8)
         canvas.text(plot_left - widest - 7.4, (plot_top + plot_bottom) / 2, text, _LABEL, "middle", up=True)
+
+
+def _draw_marks(canvas: _Canvas, axes: _Axes, clip: str) -> None:
+    """The marks of a panel, cut off at its frame."""
+    width, height = axes.right - axes.left, axes.bottom - axes.top
+    canvas.parts.append(
+        f'<clipPath id="{clip}"><path d="M{axes.left:.1f} {axes.top:.1f}'
+        f'h{width:.1f}v{height:.1f}h-{width:.1f}z"/></clipPath><g clip-path="url(#{clip})">'
+    )
+    for mark in axes.panel.marks:
+        _draw_mark(canvas, axes, mark)
+    canvas.parts.append("</g>")
+
+
+def _draw_square(
+    canvas: _Canvas, panel: Panel, view: tuple[Range, Range], box: tuple[float, float, float, float], clip: str
+) -> None:
+    """A panel of one scale both ways: as large as fits, in the middle, under its title."""
+    left, top, right, bottom = box
+    half = 0.5 * min(right - left, bottom - top)
+    x, y = 0.5 * (left + right), 0.5 * (top + bottom)
+    _draw_marks(canvas, _Axes(panel, view, (x - half, y - half, x + half, y + half)), clip)
+    if panel.title:
+        canvas.text(left + 2, top - 5, canvas.fitted(panel.title, _TITLE, right - left - 4), _TITLE, bold=True)
 
 
 def _y_ticks(panel: Panel, view: Range, height: float) -> tuple[list[float], list[str], str]:
@@ -270,6 +307,14 @@ def _draw_mark(canvas: _Canvas, axes: _Axes, mark: Mark) -> None:
         canvas.path(_dots(across, up), _dot_stroke(seen, 2.4))
     elif mark.kind == "errorbars":
         _draw_errorbars(canvas, axes, mark, seen)
+    elif mark.kind == "text":
+        places = zip(axes.x(floats(mark.x)).tolist(), axes.y(floats(mark.y)).tolist(), mark.texts, strict=True)
+        for x, y, text in places:
+            if x == x and y == y:
+                shown = canvas.fitted(text, _SMALL, axes.right - axes.left)
+                canvas.text(x, y + _SMALL * 0.36, shown, _SMALL, "middle", colour=style.MUTED)
+    elif mark.kind == "heat":
+        _draw_heat(canvas, axes, mark)
     else:
         _draw_points(canvas, axes, mark, seen)
 
@@ -292,6 +337,17 @@ def _draw_errorbars(canvas: _Canvas, axes: _Axes, mark: Mark, seen: style.Look) 
     )
     canvas.path(bars, f'stroke="{seen.colour}" stroke-width="0.8"')
     canvas.path(_markers(seen, list(zip(*_pair(axes, mark), strict=True)), 1.9), f'fill="{seen.colour}"')
+
+
+def _draw_heat(canvas: _Canvas, axes: _Axes, mark: Mark) -> None:
+    x, y = axes.x(floats(mark.x)), axes.y(floats(mark.y))
+    if not len(mark.z) or not (np.isfinite(x).all() and np.isfinite(y).all()):
+        return
+    picture = base64.b64encode(_heat_png(heat_levels(mark)[::-1])).decode()
+    canvas.parts.append(
+        f'<image x="{x[0]:.2f}" y="{y[-1]:.2f}" width="{x[-1] - x[0]:.2f}" height="{y[0] - y[-1]:.2f}" '
+        f'preserveAspectRatio="none" href="data:image/png;base64,{picture}"/>'
+    )
 
 
 def _draw_points(canvas: _Canvas, axes: _Axes, mark: Mark, seen: style.Look) -> None:
@@ -374,8 +430,22 @@ def _png(levels: NDArray[np.uint8], colour: str, alpha: bytes) -> bytes:
     packed = padded[:, 0::4] << 6 | padded[:, 1::4] << 4 | padded[:, 2::4] << 2 | padded[:, 3::4]
     lines = np.zeros((height, packed.shape[1] + 1), dtype=np.uint8)  # the leading 0 of a line: no filter
     lines[:, 1:] = packed
-    palette = bytes.fromhex(colour.removeprefix("#")) * len(alpha)
-    header = struct.pack(">IIBBBBB", width, height, 2, 3, 0, 0, 0)
+    return _palette_png(lines, width, 2, bytes.fromhex(colour.removeprefix("#")) * len(alpha), alpha)
+
+
+def _heat_png(levels: NDArray[np.uint8]) -> bytes:
+    """A PNG of the colours of a heat mark, a byte a pixel; a missing value is transparent."""
+    height, width = levels.shape
+    lines = np.zeros((height, width + 1), dtype=np.uint8)
+    lines[:, 1:] = np.where(levels == MISSING_LEVEL, style.HEAT_LEVELS, levels)
+    colours = [*style.heat_colours(), "#FFFFFF"]
+    palette = b"".join(bytes.fromhex(colour.removeprefix("#")) for colour in colours)
+    return _palette_png(lines, width, 8, palette, bytes((255,)) * style.HEAT_LEVELS + bytes((0,)))
+
+
+def _palette_png(lines: NDArray[np.uint8], width: int, bits: int, palette: bytes, alpha: bytes) -> bytes:
+    """A palette PNG of packed lines, each led by the number of its filter."""
+    header = struct.pack(">IIBBBBB", width, len(lines), bits, 3, 0, 0, 0)
     chunks = (
         (b"IHDR", header),
         (b"PLTE", palette),

@@ -43,10 +43,10 @@ def text_of(table: Table, stream: IO[str] | None = None) -> str:
     sides = {"l": "left", "r": "right", "c": "center"}
     for head, align in zip(table.head, table.alignment, strict=True):
         rich.add_column(Text(one_line(head)), justify=sides[align])  # type: ignore[arg-type]
-    colour = {"pass": "green", "fail": "red", "inconclusive": "yellow"}
+    colour = {"pass": "green", "better": "green", "fail": "red", "worse": "red", "inconclusive": "yellow"}
     for row in table.rows:
         cells = [c if isinstance(c, Cell) else Cell(c) for c in row]
-        rich.add_row(*(Text(_plain(c.text or c.verdict), style=colour.get(c.verdict, "")) for c in cells))
+        rich.add_row(*(Text(_plain(f"{c.verdict} {c.text}".strip()), style=colour.get(c.verdict, "")) for c in cells))
     console.print(rich)
     text: str = console.file.getvalue()  # type: ignore[attr-defined]
     return "\n".join(line.rstrip() for line in text.splitlines()) + "\n"
@@ -90,6 +90,15 @@ def inspection_text(found: Sequence[Mapping[str, Any]], stream: IO[str] | None =
     return "\n".join(_inspected(item, stream) for item in found)
 
 
+def _fact(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.9g}"
+    if isinstance(value, (list, tuple)):
+        shown = [f"({', '.join(map(_fact, v))})" if isinstance(v, (list, tuple)) else _fact(v) for v in value]
+        return ", ".join(shown[:8]) + (f", ... ({len(shown)})" if len(shown) > 8 else "")
+    return str(value)
+
+
 def _inspected(item: Mapping[str, Any], stream: IO[str] | None) -> str:
     first, last = item["first_time_s"], item["last_time_s"]
     span = "no times" if first is None else f"{first:g} to {last:g} s ({last - first:g} s)"
@@ -105,6 +114,7 @@ def _inspected(item: Mapping[str, Any], stream: IO[str] | None) -> str:
         ["time", span],
         ["gaps", gaps],
     ]
+    facts += [[name.replace("_", " "), _fact(value)] for name, value in (item.get("array") or {}).items()]
     columns = []
     for c in item["columns"]:
         missing = f"{c['missing']:,} missing" if c["missing"] else ""

@@ -48,10 +48,7 @@ def fit_case(looks: Looks, windows: Windows, case: Case, method: Method) -> Case
     """Estimate and interval of every window for one case."""
     best = fit(looks, windows, case)
     if method.name == "med":
-        s = np.array([
-            float(median_rule(looks.take(slice(a, b)))[-1]) if b > a else math.nan
-            for a, b in zip(windows.first.tolist(), windows.last.tolist(), strict=True)
-        ])  # fmt: skip
+        s = median_rule(looks, windows)[windows.last - 1]
         value, _, _ = log_likelihood(looks, windows, case, s)
         return CaseFit(s, value, np.full(len(s), np.nan), np.full(len(s), np.nan), best)
     low, high = profile_interval(looks, windows, case, best, method.confidence)

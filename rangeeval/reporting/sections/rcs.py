@@ -9,6 +9,7 @@ from itertools import pairwise
 
 from rangeeval.model import Estimate, Result
 from rangeeval.reporting.blocks import Block, Cell, Figure, Mark, Notice, Panel, Paragraph, Section, Table
+from rangeeval.reporting.polar import Sector, polar_panel
 from rangeeval.reporting.sections.common import flag_notices
 from rangeeval.reporting.tables import lines
 from rangeeval.reporting.wording import (
@@ -240,10 +241,24 @@ def _aspect(result: Result) -> list[Block]:
     degrees = shown_variable("aspect")
     marks = [*_whole_marks(result), *_rcs_marks(rows, degrees.scale, "per aspect, with interval", "measured")]
     x_limits = (degrees.scale * float(data["low_rad"][0]), degrees.scale * float(data["high_rad"][-1]))
-    panel = Panel("Mean RCS over aspect", "Aspect (°)", "RCS (dBsm)", marks, x_limits=x_limits)
+    plain = Panel("The same over a straight axis", "Aspect (°)", "RCS (dBsm)", marks, x_limits=x_limits)
+    whole = _whole(result, "rcs")
+    level = _decibels(whole.value) if whole else math.nan
+    around = polar_panel(
+        "Mean RCS over aspect", [_sector(row) for row in rows], "dBsm", label="per aspect, with interval", level=level,
+        level_label="whole trial, one RCS",
+    )  # fmt: skip
     return [Figure(
-        "Mean RCS over aspect, with intervals; the right edge joins the left one.", _alt(result), [[panel]]
+        "Mean RCS over aspect: the nose is up, angles go clockwise from it, rings are in dBsm, bars are intervals. "
+        "Where nothing was detected there is only an upper limit, drawn on the straight axis.",
+        _alt(result), [[around, plain]], "tall",
     )]  # fmt: skip
+
+
+def _sector(row: Estimate) -> Sector:
+    value, low, high = (_decibels(v) for v in (row.value, row.low, row.high))
+    stretch = f"{math.degrees(row.bin_low):.0f}° to {math.degrees(row.bin_high):.0f}°"
+    return Sector(row.bin_low, row.bin_high, value, low, high, f"{stretch}: {estimate_text(row)} dBsm")
 
 
 def _number(value: object) -> float:

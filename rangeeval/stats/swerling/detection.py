@@ -8,13 +8,16 @@ from scipy.optimize import brentq
 from scipy.special import gammaincc, gammainccinv
 
 from rangeeval.compiled import compiled
-from rangeeval.stats.swerling.looks import Case, Looks
-from rangeeval.stats.swerling.terms import DETECTION, MISS, detection_probability_of, look_terms
+from rangeeval.stats.swerling.closed import DETECTION, MISS
+from rangeeval.stats.swerling.likelihood import log_likelihood
+from rangeeval.stats.swerling.looks import Case, Looks, Windows
+from rangeeval.stats.swerling.terms import detection_probability_of
 
 Floats = NDArray[np.float64]
 
 _NODES, _WEIGHTS = (np.ascontiguousarray(a) for a in np.polynomial.legendre.leggauss(24))
 _PANELS = 48
+_COLUMNS = ("threshold", "alpha", "pulses")
 
 
 def threshold_of(false_alarm: ArrayLike, pulses: ArrayLike = 1) -> Floats:
@@ -43,6 +46,9 @@ def detection_probability(snr: ArrayLike, threshold: ArrayLike, case: Case, puls
     s, t, n = np.broadcast_arrays(
         np.asarray(snr, np.float64), np.asarray(threshold, np.float64), np.asarray(pulses, np.int64)
     )
+    if case.shape in (1.0, 2.0) and (n == 1).all():
+        x = t / (1.0 + s / case.shape)
+        return np.exp(-x) * (1.0 if case.shape == 1.0 else 1.0 + 0.5 * s / (1.0 + 0.5 * s) * x)
     out = np.empty(s.size)
     flat = (np.ascontiguousarray(a.reshape(-1)) for a in (t, n, s))
     thresholds, counts, levels = flat
@@ -61,29 +67,6 @@ def snr_for(probability: float, threshold: float, case: Case, pulses: int = 1) -
     return float(np.exp(brentq(short, -40.0, 40.0, xtol=1e-12)))
 
 
-@compiled
-def _information(threshold, pulses, snr, shape, out):  # type: ignore[no-untyped-def]
-    """Fisher information of one look about ln s."""
-    for k in range(len(out)):
-        n, t, s, shape_k = pulses[k], threshold[k], snr[k], shape[k]
-        ln_miss, slope, _ = look_terms(MISS, 0.0, t, n, s, shape_k, 1.0)
-        total = np.exp(ln_miss) * slope * slope
-        mean = n * (1.0 + s)
-        spread = np.sqrt(n * (1.0 + 2.0 * s) + (n * s) ** 2 / shape_k)
-        top = max(t, mean) + 45.0 * max(spread, 1.0)
-        # Panels grow with distance from the threshold: the density may be much narrower than its tail.
-        a = t
-        for i in range(_PANELS):
-            b = t + (top - t) * ((i + 1.0) / _PANELS) ** 2
-            half = 0.5 * (b - a)
-            for j in range(len(_NODES)):
-                z = a + half * (_NODES[j] + 1.0)
-                ln_f, d1, _ = look_terms(DETECTION, z, t, n, s, shape_k, 1.0)
-                total += half * _WEIGHTS[j] * np.exp(ln_f) * d1 * d1
-            a = b
-        out[k] = total
-
-
 def information(looks: Looks, case: Case, s: float, most: int = 64) -> float:
     """Fisher information of looks about ln s at mean RCS `s`, misses counted; of at most about `most` looks, scaled.
 
@@ -96,6 +79,26 @@ def information(looks: Looks, case: Case, s: float, most: int = 64) -> float:
     elif len(order) > most:
         order = order[np.linspace(0, len(order) - 1, most).round().astype(int)]
     some = looks.take(np.asarray(order, np.int64))
-    out = np.empty(len(some))
-    _information(some.threshold, some.pulses, some.alpha * s, case.shapes(some.pulses), out)
-    return float(out.mean() * len(looks))
+    return float(_information(some, case, some.alpha * s).mean() * len(looks))
+
+
+def _information(looks: Looks, case: Case, snr: Floats) -> Floats:
+    """Fisher information about ln s of each look: the mean square of the score, by quadrature over the detections."""
+    n, t, size = looks.pulses, looks.threshold, len(looks)
+    mean = n * (1.0 + snr)
+    spread = np.sqrt(n * (1.0 + 2.0 * snr) + (n * snr) ** 2 / case.shapes(n))
+    top = np.maximum(t, mean) + 45.0 * np.maximum(spread, 1.0)
+    # Panels grow with distance from the threshold: the density may be much narrower than its tail.
+    edges = t[:, None] + (top - t)[:, None] * (np.arange(_PANELS + 1) / _PANELS) ** 2
+    half = 0.5 * np.diff(edges, axis=1)
+    z = edges[:, :-1, None] + half[:, :, None] * (_NODES + 1.0)
+    each = np.repeat(np.arange(size), z[0].size)
+    one = Windows.groups(np.ones(size + len(each), np.int64))
+    seen = looks.take(each)
+    threshold, alpha, pulses = (np.concatenate([getattr(looks, c), getattr(seen, c)]) for c in _COLUMNS)
+    kind = np.repeat(np.array([MISS, DETECTION], np.int8), [size, len(each)])
+    both = Looks(kind, np.concatenate([np.zeros(size), z.reshape(-1)]), threshold, alpha, pulses)
+    value, slope, _ = log_likelihood(both, one, case, np.concatenate([snr, snr[each]]) / both.alpha)
+    weighted = np.exp(value) * slope * slope
+    density = weighted[size:].reshape(size, _PANELS, -1)
+    return np.asarray(weighted[:size] + (half * (density @ _WEIGHTS)).sum(axis=1))

@@ -4,8 +4,6 @@ The mean RCS is estimated from the same looks, so tabled p-values of Kolmogorov-
 far too large; all p-values of fit come from a parametric bootstrap.
 """
 
-# mypy: disable-error-code="call-arg"
-# (kernels take what `arguments` packs: their number is numba\'s to check)
 from __future__ import annotations
 
 import math
@@ -17,10 +15,10 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.special import chdtrc, ndtri
 
-from rangeeval.compiled import compiled
-from rangeeval.stats.swerling.likelihood import Fit, arguments, detections, fit, maximum_likelihood
+from rangeeval.stats.swerling.closed import DETECTION
+from rangeeval.stats.swerling.detection import detection_probability
+from rangeeval.stats.swerling.likelihood import Fit, detections, fit, maximum_likelihood
 from rangeeval.stats.swerling.looks import Case, Looks, Windows
-from rangeeval.stats.swerling.terms import DETECTION, detection_probability_of
 
 Floats = NDArray[np.float64]
 
@@ -52,36 +50,6 @@ def simulate(looks: Looks, windows: Windows, case: Case, s: Floats, rng: np.rand
     return looks.seen_as(z)
 
 
-@compiled
-def _measures(kind, z, threshold, alpha, pulses, shape, cells, firsts, lasts, s, ks, ad, expected, u_all):  # type: ignore[no-untyped-def]
-    for i in range(len(firsts)):
-        first, last = firsts[i], lasts[i]
-        u = np.empty(last - first)
-        found, mean, seen_a, seen_t, p = 0, 0.0, -1.0, -1.0, 0.0
-        for k in range(first, last):
-            if alpha[k] != seen_a or threshold[k] != seen_t:
-                seen_a, seen_t = alpha[k], threshold[k]
-                p = detection_probability_of(seen_t, pulses[k], seen_a * s[i], shape[k])
-            mean += p
-            u_all[k] = math.nan
-            if kind[k] == DETECTION:
-                value = 1.0 - detection_probability_of(z[k], pulses[k], alpha[k] * s[i], shape[k]) / p
-                u_all[k] = value
-                u[found] = min(max(value, 1e-15), 1.0 - 1e-15)
-                found += 1
-        expected[i] = mean
-        ks[i], ad[i] = math.nan, math.nan
-        if found < 1:
-            continue
-        v = np.sort(u[:found])
-        largest, total = 0.0, 0.0
-        for j in range(found):
-            largest = max(largest, (j + 1.0) / found - v[j], v[j] - j / found)
-            total += (2.0 * j + 1.0) * (math.log(v[j]) + math.log1p(-v[found - 1 - j]))
-        ks[i] = largest
-        ad[i] = -found - total / found
-
-
 @dataclass(frozen=True)
 class Measures:
     """How far each window's detections are from the model: Kolmogorov-Smirnov, Anderson-Darling, expected detections.
@@ -96,11 +64,35 @@ class Measures:
 
 
 def measures(looks: Looks, windows: Windows, case: Case, s: Floats) -> Measures:
-    """The distances from the model at mean RCS `s`."""
-    ks, ad, expected = (np.empty(len(windows)) for _ in range(3))
+    """The distances from the model at mean RCS `s`; windows side by side."""
+    size = windows.last - windows.first
+    level = np.repeat(s, size) * looks.alpha
+    expected = detection_probability(level, looks.threshold, case, looks.pulses)
+    seen = looks.kind == DETECTION
     u = np.full(len(looks), np.nan)
-    _measures(*arguments(looks, case), windows.first, windows.last, s, ks, ad, expected, u)
-    return Measures(ks, ad, expected, u)
+    beyond = detection_probability(level[seen], looks.z[seen], case, looks.pulses[seen])
+    u[seen] = 1.0 - beyond / expected[seen]
+    ks, ad = _distances(u[seen], np.repeat(np.arange(len(windows)), size)[seen], len(windows))
+    return Measures(ks, ad, windows.reduce(np.add, expected), u)
+
+
+def _distances(u: Floats, window: NDArray[np.int64], count: int) -> tuple[Floats, Floats]:
+    """Kolmogorov-Smirnov's and Anderson-Darling's distance of each window's u from uniform; NaN without any."""
+    v = np.clip(u[np.lexsort((u, window))], 1e-15, 1.0 - 1e-15)
+    held = np.bincount(window, minlength=count)
+    ends = np.cumsum(held)
+    n = np.repeat(held, held)
+    first = np.repeat(ends - held, held)
+    rank = np.arange(len(v)) - first
+    largest = np.maximum((rank + 1.0) / n - v, v - rank / n)
+    weighted = (2.0 * rank + 1.0) * (np.log(v) + np.log1p(-v[first + n - 1 - rank]))
+    some = held > 0
+    ks, ad = np.full(count, np.nan), np.full(count, np.nan)
+    begin = (ends - held)[some]
+    if len(begin):
+        ks[some] = np.maximum.reduceat(largest, begin)
+        ad[some] = -held[some] - np.add.reduceat(weighted, begin) / held[some]
+    return ks, ad
 
 
 @dataclass(frozen=True)

@@ -1,236 +1,62 @@
 """Exact maximum likelihood (the method ML-A) and what follows from the likelihood, over a batch of windows.
 
-Everything is a function of u = ln s. The maximum is found by Newton steps of at most one neper inside a bracket of
-the score's sign; where the likelihood may have several maxima (the alphas of a window more than 20 dB apart, false
-alarms mixed in, a score that is not positive at s = 0) every one is found from a grid and the highest taken.
+Everything is a function of u = ln s. Looks in closed form have a kernel that climbs each window at once; what it
+leaves, and every other sort of look, is solved here for all windows together: Newton steps of at most one neper inside
+a bracket of the score's sign. Where the likelihood may have several maxima (the alphas of a window more than 20 dB
+apart, false alarms mixed in, a score that is not positive at s = 0) every one is found from a grid and the highest
+taken.
 """
 
-# mypy: disable-error-code="call-arg"
-# (kernels take what `arguments` packs: their number is numba\'s to check)
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import chdtri
+from scipy.special import chdtri, gammainc, gammaincc, gammaln
 
-from rangeeval.compiled import compiled
+from rangeeval.stats.swerling.closed import DETECTION, HIT, MISS, SATURATED, closed_maxima, closed_values
 from rangeeval.stats.swerling.looks import Case, Looks, Windows
-from rangeeval.stats.swerling.terms import (
-    DETECTION,
-    HIT,
-    MISS,
-    density_slope_one,
-    density_slope_three,
-    look_terms,
-    miss_one,
-    miss_three,
-    score_at_zero,
-)
+from rangeeval.stats.swerling.terms import series_values
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Evaluate = Callable[[Windows, Floats], tuple[Floats, Floats, Floats]]
 
 _SPREAD = 100.0  # alphas 20 dB apart
 _GRID = 240
+_BLOCK = 4000  # windows whose grid is held at once
 
 
-@compiled
-def _slopes(kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, s):  # type: ignore[no-untyped-def]
-    """First and second derivative of lnL in ln s over one window.
+def in_closed_form(looks: Looks, case: Case) -> bool:
+    """Whether `closed` has these looks: single pulses of Swerling 1 (or 2) or 3 (or 4), detected or missed."""
+    return case.shape in (1.0, 2.0) and looks.plain
 
-    `quick` 1 or 3: single pulses of that Swerling case without hits or saturation, in closed form; equal looks are
-    computed once.
-    """
-    d1, d2 = 0.0, 0.0
-    if quick == 0:
-        for k in range(first, last):
-            _, a, b = look_terms(kind[k], z[k], threshold[k], pulses[k], alpha[k] * s, shape[k], cells)
-            d1 += a
-            d2 += b
-        return d1, d2
-    seen_a, seen_t, m1, m2 = -1.0, -1.0, 0.0, 0.0
-    if quick == 1:
-        for k in range(first, last):
-            if kind[k] == MISS:
-                if alpha[k] != seen_a or threshold[k] != seen_t:
-                    seen_a, seen_t = alpha[k], threshold[k]
-                    _, m1, m2 = miss_one(seen_t, seen_a * s)
-                d1 += m1
-                d2 += m2
-            else:
-                a, b = density_slope_one(z[k], alpha[k] * s)
-                d1 += a
-                d2 += b
-        return d1, d2
-    for k in range(first, last):
-        if kind[k] == MISS:
-            if alpha[k] != seen_a or threshold[k] != seen_t:
-                seen_a, seen_t = alpha[k], threshold[k]
-                _, m1, m2 = miss_three(seen_t, seen_a * s)
-            d1 += m1
-            d2 += m2
+
+def _likelihood(looks: Looks, case: Case) -> Evaluate:
+    """The function that gives lnL of windows at mean RCS s above zero, and its two derivatives in ln s."""
+    shapes, quick = case.shapes(looks.pulses), in_closed_form(looks, case)
+
+    def evaluate(windows: Windows, s: Floats) -> tuple[Floats, Floats, Floats]:
+        value, slope, bend = (np.empty(len(windows)) for _ in range(3))
+        out = (windows.first, windows.last, np.ascontiguousarray(s, np.float64), value, slope, bend)
+        if quick:
+            closed_values(looks.kind, looks.z, looks.threshold, looks.alpha, case.shape, *out)
         else:
-            a, b = density_slope_three(z[k], alpha[k] * s)
-            d1 += a
-            d2 += b
-    return d1, d2
+            series_values(
+                looks.kind, looks.z, looks.threshold, looks.alpha, looks.pulses, shapes, looks.cells, *out
+            )  # fmt: skip
+        return value, slope, bend
+
+    return evaluate
 
 
-@compiled
-def _value(kind, z, threshold, alpha, pulses, shape, cells, first, last, s):  # type: ignore[no-untyped-def]
-    """lnL of one window and its first two derivatives in ln s."""
-    value, d1, d2 = 0.0, 0.0, 0.0
-    for k in range(first, last):
-        v, a, b = look_terms(kind[k], z[k], threshold[k], pulses[k], alpha[k] * s, shape[k], cells)
-        value += v
-        d1 += a
-        d2 += b
-    return value, d1, d2
-
-
-@compiled
-def _newton(kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, start, low, high):  # type: ignore[no-untyped-def]
-    """The root of the score in ln s between `low` (score above zero) and `high` (below), from `start`."""
-    u = start
-    for _ in range(200):
-        d1, d2 = _slopes(kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, math.exp(u))
-        if d1 > 0.0:
-            low = u
-        else:
-            high = u
-        step = 1.0 if d1 > 0.0 else -1.0
-        if d2 < 0.0 and abs(d1) < -d2:
-            step = -d1 / d2
-        new = u + step
-        if not low < new < high:
-            new = 0.5 * (low + high) if low > -700.0 and high < 700.0 else u + step
-        if abs(new - u) < 1e-6 and abs(step) < 1e-6:
-            return u + step
-        if high - low < 1e-13:
-            return new
-        u = new
-    return u
-
-
-@compiled
-def _from_grid(kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, at_zero):  # type: ignore[no-untyped-def]
-    """The highest of all maxima that a grid of the score shows; -inf when it is at s = 0."""
-    most, least = 0.0, math.inf
-    top = 0.0
-    for k in range(first, last):
-        most = max(most, alpha[k])
-        least = min(least, alpha[k])
-        top = max(top, max(z[k], threshold[k]) / (alpha[k] * pulses[k]))
-    low = math.log(1e-6 / most)
-    step = (math.log(8.0 * top) - low) / (_GRID - 1)
-    best, best_value = -math.inf, -math.inf
-    if at_zero <= 0.0:
-        best_value, _, _ = _value(kind, z, threshold, alpha, pulses, shape, cells, first, last, 1e-9 / most)
-    u, before = low, 0.0
-    i = 0
-    while i < 4 * _GRID:
-        slope, _ = _slopes(kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, math.exp(u))
-        if i > 0 and before > 0.0 >= slope:
-            root = _newton(
-                kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, u - 0.5 * step, u - step, u
-            )
-            value, _, _ = _value(kind, z, threshold, alpha, pulses, shape, cells, first, last, math.exp(root))
-            if value > best_value:
-                best, best_value = root, value
-        if i >= _GRID and slope <= 0.0:
-            break
-        before = slope
-        u += step
-        i += 1
-    return best
-
-
-@compiled
-def _maximise(kind, z, threshold, alpha, pulses, shape, cells, quick, firsts, lasts, near, out):  # type: ignore[no-untyped-def]
-    """ln s at the maximum of each window: -inf with no detection, +inf with hits and nothing that bounds them.
-
-    With `near` above zero: the maximum next to it.
-    """
-    for i in range(len(firsts)):
-        first, last = firsts[i], lasts[i]
-        found, bounded, at_zero, start = 0, 0, 0.0, 0.0
-        least, most = math.inf, 0.0
-        seen_a, seen_t, m0 = -1.0, -1.0, 0.0
-        for k in range(first, last):
-            a = alpha[k]
-            least, most = min(least, a), max(most, a)
-            if kind[k] == DETECTION:
-                found += 1
-                bounded += 1
-                start += max(z[k] - pulses[k], 0.0) / (a * pulses[k])
-                at_zero += a * (z[k] - pulses[k])
-            elif kind[k] == MISS:
-                bounded += 1
-                if a != seen_a or threshold[k] != seen_t:
-                    seen_a, seen_t = a, threshold[k]
-                    m0 = score_at_zero(MISS, 0.0, seen_t, a, pulses[k])
-                at_zero += m0
-            else:
-                found += 1
-                start += (threshold[k] if kind[k] == HIT else z[k]) / (a * pulses[k])
-                at_zero += score_at_zero(kind[k], z[k], threshold[k], a, pulses[k])
-        if found == 0:
-            out[i] = -math.inf
-        elif bounded == 0:
-            out[i] = math.inf
-        elif at_zero <= 0.0 or (near[i] <= 0.0 and (most > _SPREAD * least or cells > 1.0)):
-            out[i] = _from_grid(kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, at_zero)
-        else:
-            start = math.log(near[i] if near[i] > 0.0 else max(start / (last - first), 1e-3 / most))
-            out[i] = _newton(
-                kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, start, -math.inf, math.inf
-            )
-
-
-@compiled
-def _values(kind, z, threshold, alpha, pulses, shape, cells, firsts, lasts, s, value, slope, bend):  # type: ignore[no-untyped-def]
-    for i in range(len(firsts)):
-        value[i], slope[i], bend[i] = _value(kind, z, threshold, alpha, pulses, shape, cells, firsts[i], lasts[i], s[i])
-
-
-@compiled
-def _crossings(kind, z, threshold, alpha, pulses, shape, cells, firsts, lasts, start, target, reach, side, out):  # type: ignore[no-untyped-def]
-    """Where lnL falls to `target` on one side of `start` (all in ln s); -inf below where it never does."""
-    for i in range(len(firsts)):
-        first, last = firsts[i], lasts[i]
-        most = 0.0
-        for k in range(first, last):
-            most = max(most, alpha[k])
-        floor = math.log(1e-9 / most)
-        inner, outer = start[i], side * math.inf
-        u = start[i] + side * reach[i]
-        for _ in range(200):
-            if side < 0.0 and u < floor:
-                value, _, _ = _value(kind, z, threshold, alpha, pulses, shape, cells, first, last, math.exp(floor))
-                if value > target[i]:
-                    u = -math.inf
-                    break
-                u = floor
-                if outer > floor:
-                    u = 0.5 * (outer + inner)
-            value, d1, _ = _value(kind, z, threshold, alpha, pulses, shape, cells, first, last, math.exp(u))
-            above = value - target[i]
-            if above > 0.0:
-                inner = u
-            else:
-                outer = u
-            step = -above / d1 if d1 * side < 0.0 else side
-            step = max(-1.0, min(1.0, step))
-            new = u + step
-            if not min(inner, outer) < new < max(inner, outer):
-                new = 0.5 * (inner + outer) if math.isfinite(outer) else u + side
-            if abs(new - u) < 1e-11 or abs(outer - inner) < 1e-12:
-                u = new
-                break
-            u = new
-        out[i] = u
+def log_likelihood(looks: Looks, windows: Windows, case: Case, s: Floats) -> tuple[Floats, Floats, Floats]:
+    """lnL of each window at mean RCS `s` above zero, and its two derivatives in ln s."""
+    return _likelihood(looks, case)(windows, s)
 
 
 @dataclass(frozen=True)
@@ -251,49 +77,132 @@ class Fit:
         return np.asarray(2.0 - 2.0 * self.value)
 
 
-def arguments(looks: Looks, case: Case) -> tuple[object, ...]:
-    """What every kernel takes first."""
-    return (
-        looks.kind,
-        looks.z,
-        looks.threshold,
-        looks.alpha,
-        looks.pulses,
-        case.shapes(looks.pulses),
-        looks.cells,
-    )
-
-
-def quick_case(looks: Looks, case: Case) -> int:
-    """1 or 3 where that case has its closed form for these looks, else 0."""
-    plain = looks.cells == 1.0 and bool((looks.pulses == 1).all()) and bool((looks.kind <= DETECTION).all())
-    return {1.0: 1, 2.0: 3}.get(case.shape, 0) if plain else 0
-
-
-def log_likelihood(looks: Looks, windows: Windows, case: Case, s: Floats) -> tuple[Floats, Floats, Floats]:
-    """lnL of each window at mean RCS `s` above zero, and its two derivatives in ln s."""
-    value, slope, bend = (np.empty(len(windows)) for _ in range(3))
-    _values(*arguments(looks, case), windows.first, windows.last, np.asarray(s, np.float64), value, slope, bend)
-    return value, slope, bend
-
-
 def maximum_likelihood(looks: Looks, windows: Windows, case: Case, near: ArrayLike = 0.0) -> Floats:
     """The exact maximum-likelihood mean RCS of each window (ML-A): 0 with no detection, inf with unbounded hits.
 
     Where `near` is above zero, the maximum next to it instead of the highest of all.
     """
-    u = np.empty(len(windows))
+    s = np.full(len(windows), np.nan)
     start = np.ascontiguousarray(np.broadcast_to(np.asarray(near, np.float64), len(windows)))
-    _maximise(*arguments(looks, case), quick_case(looks, case), windows.first, windows.last, start, u)
-    with np.errstate(over="ignore"):
-        return np.exp(u)
+    if in_closed_form(looks, case):
+        closed_maxima(
+            looks.kind, looks.z, looks.threshold, looks.alpha, case.shape, windows.first, windows.last, start, s
+        )
+    left = np.isnan(s)
+    if left.any():
+        s[left] = _maxima(looks, windows.take(left), _likelihood(looks, case), start[left])
+    return s
+
+
+def score_at_zero(looks: Looks) -> Floats:
+    """d lnL / ds of each look at s = 0, the same for every case (false alarms of other cells left out)."""
+    slope = np.where(looks.kind == DETECTION, looks.z - looks.pulses, 0.0)
+    for kind, limits, tail, sign in (
+        (MISS, looks.threshold, gammainc, -1.0),
+        (HIT, looks.threshold, gammaincc, 1.0),
+        (SATURATED, looks.z, gammaincc, 1.0),
+    ):
+        rows = looks.kind == kind
+        n, limit = looks.pulses[rows].astype(np.float64), limits[rows]
+        with np.errstate(divide="ignore"):
+            log = n * np.log(limit) - limit - gammaln(n) - np.log(tail(n, limit))
+        slope[rows] = sign * np.exp(log)
+    return np.asarray(looks.alpha * slope)
+
+
+def _maxima(looks: Looks, windows: Windows, evaluate: Evaluate, near: Floats) -> Floats:
+    """The maxima of windows of any sort."""
+    n, kind = looks.pulses, looks.kind
+    limit = np.where(kind == HIT, looks.threshold, looks.z - np.where(kind == DETECTION, n, 0))
+    moments = np.where(kind == MISS, 0.0, np.maximum(limit, 0.0) / (looks.alpha * n))
+    most, least = windows.reduce(np.maximum, looks.alpha), windows.reduce(np.minimum, looks.alpha)
+    found = detections(looks, windows)
+    bounded = windows.reduce(np.add, (kind <= DETECTION).astype(np.float64)) > 0
+    s = np.where(found == 0, 0.0, np.inf)
+    several = (near <= 0.0) & ((most > _SPREAD * least) | (looks.cells > 1.0))
+    several |= windows.reduce(np.add, score_at_zero(looks)) <= 0.0
+    inside = (found > 0) & bounded
+    one = inside & ~several
+    start = np.maximum(windows.reduce(np.add, moments) / (windows.last - windows.first), 1e-3 / most)
+    u = np.log(np.where(near > 0.0, near, start))
+    s[one] = np.exp(newton(partial(_evaluate_some, evaluate, windows.take(one)), u[one]))
+    rest = np.flatnonzero(inside & several)
+    for part in np.array_split(rest, math.ceil(len(rest) / _BLOCK) or 1):
+        if len(part):
+            s[part] = _from_grid(looks, windows.take(part), evaluate, most[part])
+    return s
+
+
+def _evaluate_some(
+    evaluate: Evaluate, windows: Windows, rows: NDArray[np.int64], s: Floats
+) -> tuple[Floats, Floats, Floats]:
+    return evaluate(windows.take(rows), s)
+
+
+def newton(
+    terms: Callable[[NDArray[np.int64], Floats], tuple[Floats, Floats, Floats]],
+    u: Floats,
+    low: ArrayLike = -np.inf,
+    high: ArrayLike = np.inf,
+) -> Floats:
+    """Where the second of `terms(which, s)`, a slope in ln s, is zero: between `low` (above) and `high`, from `u`."""
+    u = u.copy()
+    low, high = (np.array(np.broadcast_to(end, len(u)), dtype=np.float64) for end in (low, high))
+    open_ = np.arange(len(u))
+    for _ in range(200):
+        if not len(open_):
+            break
+        now = u[open_]
+        _, d1, d2 = terms(open_, np.exp(now))
+        rising = d1 > 0.0
+        low[open_[rising]], high[open_[~rising]] = now[rising], now[~rising]
+        steep = (d2 < 0.0) & (np.abs(d1) < -d2)
+        step = np.where(steep, -d1 / np.where(steep, d2, 1.0), np.where(rising, 1.0, -1.0))
+        new = now + step
+        a, b = low[open_], high[open_]
+        done = (np.abs(step) < 1e-6) | (b - a < 1e-13)
+        outside = ~done & ~((a < new) & (new < b))
+        new[outside] = 0.5 * (a[outside] + b[outside])
+        u[open_] = new
+        open_ = open_[~done]
+    return u
+
+
+def _from_grid(looks: Looks, windows: Windows, evaluate: Evaluate, most: Floats) -> Floats:
+    """The highest of all maxima that a grid of the score shows, s = 0 among them."""
+    top = windows.reduce(np.maximum, np.maximum(looks.z, looks.threshold) / (looks.alpha * looks.pulses))
+    low = np.log(1e-6 / most)
+    step = (np.log(8.0 * top) - low) / (_GRID - 1)
+    count = len(windows)
+    found = [(np.arange(count), np.zeros(count))]  # (window, s) of each candidate
+    open_, before = np.arange(count), np.zeros(count)
+    for block in range(4):
+        at = low[open_, None] + step[open_, None] * np.arange(block * _GRID, (block + 1) * _GRID)
+        many = windows.take(np.repeat(open_, _GRID))
+        score = evaluate(many, np.exp(at).reshape(-1))[1].reshape(at.shape)
+        left = np.column_stack([before[open_], score[:, :-1]])
+        rows, columns = np.nonzero((left > 0.0) & (score <= 0.0))
+        if len(rows):
+            upper, width = at[rows, columns], step[open_[rows]]
+            terms = partial(_evaluate_some, evaluate, windows.take(open_[rows]))
+            roots = newton(terms, upper - 0.5 * width, upper - width, upper)
+            found.append((open_[rows], np.exp(roots)))
+        before[open_] = score[:, -1]
+        open_ = open_[score[:, -1] > 0.0]
+        if not len(open_):
+            break
+    which, s = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    value = evaluate(windows.take(which), np.maximum(s, 1e-9 / most[which]))[0]
+    order = np.lexsort((value, which))
+    last = np.append(which[order][1:] != which[order][:-1], True)
+    return np.asarray(s[order][last])
 
 
 def fit(looks: Looks, windows: Windows, case: Case) -> Fit:
     """The maximum with its likelihood and curvature."""
     s = maximum_likelihood(looks, windows, case)
     inside = (s > 0) & np.isfinite(s)
-    alpha = _largest_alpha(looks, windows)
+    alpha = windows.reduce(np.maximum, looks.alpha)
     at = np.where(inside, s, np.where(s > 0, 1e12, 1e-12) / alpha)  # lnL at 0 and at infinity, to rounding
     value, _slope, bend = log_likelihood(looks, windows, case, at)
     return Fit(s, value, np.where(inside, bend, np.nan))
@@ -313,32 +222,53 @@ def profile_interval(
     """
     cut = 0.5 * float(chdtri(1, 1.0 - confidence))
     low, high = np.zeros(len(windows)), np.full(len(windows), np.inf)
-    alpha = _largest_alpha(looks, windows)
+    alpha = windows.reduce(np.maximum, looks.alpha)
     inside = (found.s > 0) & np.isfinite(found.s)
     none = detections(looks, windows) == 0
     start = np.log(np.where(inside, found.s, np.where(np.isfinite(found.s), 1e-3, 1e9) / alpha))
     with np.errstate(invalid="ignore"):
         reach = np.where(inside, np.sqrt(2 * cut / np.maximum(-found.bend, 1e-6)), 1.0)
-    reach = np.minimum(reach, 3.0)
-    exact = math.log(1.0 - confidence)
+    target = np.where(none | np.isinf(found.s), math.log(1.0 - confidence), found.value - cut)
+    evaluate, floor = _likelihood(looks, case), np.log(1e-9 / alpha)
     for side, end, wanted in ((-1.0, low, found.s > 0), (1.0, high, np.isfinite(found.s))):
-        if not wanted.any():
-            continue
-        target = np.where(none | np.isinf(found.s), exact, found.value - cut)[wanted]
-        out = np.empty(int(wanted.sum()))
-        _crossings(
-            *arguments(looks, case), windows.first[wanted], windows.last[wanted], start[wanted], target,
-            reach[wanted], side, out,
+        first = start[wanted] + side * np.minimum(reach[wanted], 3.0)
+        found_at = _crossings(
+            evaluate, windows.take(wanted), start[wanted], first, target[wanted], floor[wanted], side
         )  # fmt: skip
-        end[wanted] = np.exp(out)
+        end[wanted] = np.exp(found_at)
     return low, high
+
+
+def _crossings(
+    evaluate: Evaluate, windows: Windows, start: Floats, first: Floats, target: Floats, floor: Floats, side: float
+) -> Floats:
+    """Where lnL falls to `target` on one side of `start`, tried at `first`; -inf where it never does above `floor`."""
+    u, inner, outer = first.copy(), start.copy(), np.full(len(start), side * np.inf)
+    open_ = np.arange(len(start))
+    for _ in range(200):
+        if not len(open_):
+            break
+        low_ = floor[open_]
+        beyond = u[open_] < low_ if side < 0.0 else np.zeros(len(open_), dtype=bool)
+        now = np.where(beyond, low_, u[open_])
+        value, d1, _ = evaluate(windows.take(open_), np.exp(now))
+        above = value - target[open_]
+        never = beyond & (above > 0.0)
+        inside = above > 0.0
+        inner[open_[inside]], outer[open_[~inside]] = now[inside], now[~inside]
+        a, b = inner[open_], outer[open_]
+        falling = d1 * side < 0.0
+        step = np.clip(np.where(falling, -above / np.where(falling, d1, 1.0), side), -1.0, 1.0)
+        new = now + step
+        outside = ~((np.minimum(a, b) < new) & (new < np.maximum(a, b)))
+        new[outside] = np.where(np.isfinite(b), 0.5 * (a + b), now + side)[outside]
+        done = never | (np.abs(new - now) < 1e-11) | (np.abs(b - a) < 1e-12)
+        u[open_] = np.where(never, -np.inf, new)
+        open_ = open_[~done]
+    return u
 
 
 def detections(looks: Looks, windows: Windows) -> NDArray[np.int64]:
     """How many looks of each window saw the target."""
     total = np.concatenate([[0], np.cumsum(looks.kind != MISS)])
     return np.asarray(total[windows.last] - total[windows.first], dtype=np.int64)
-
-
-def _largest_alpha(looks: Looks, windows: Windows) -> Floats:
-    return np.array([looks.alpha[a:b].max() for a, b in zip(windows.first, windows.last, strict=True)])

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rangeeval.stats.swerling.terms import DETECTION, MISS
+from rangeeval.stats.swerling.closed import DETECTION, MISS
 
 Floats = NDArray[np.float64]
 
@@ -97,6 +97,11 @@ class Looks:
     def __len__(self) -> int:
         return len(self.kind)
 
+    @property
+    def plain(self) -> bool:
+        """Single pulses, each detected with its amplitude or missed, no false alarms mixed in."""
+        return self.cells == 1.0 and bool((self.pulses == 1).all()) and bool((self.kind <= DETECTION).all())
+
     def take(self, rows: NDArray[np.int64] | NDArray[np.bool_] | slice) -> Looks:
         """The looks chosen by an index, a mask or a slice."""
         names = ("kind", "z", "threshold", "alpha", "pulses")
@@ -136,3 +141,12 @@ class Windows:
 
     def __len__(self) -> int:
         return len(self.first)
+
+    def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Windows:
+        """The windows chosen by an index or a mask."""
+        return Windows(np.ascontiguousarray(self.first[rows]), np.ascontiguousarray(self.last[rows]))
+
+    def reduce(self, of: np.ufunc, values: Floats) -> Floats:
+        """`of` (np.add, np.maximum, ...) over the looks of each window, which may overlap; none is empty."""
+        ends = np.stack([self.first, self.last], axis=1).reshape(-1)
+        return np.asarray(of.reduceat(np.append(values, 0.0), ends)[::2])

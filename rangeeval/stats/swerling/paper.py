@@ -18,21 +18,27 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rangeeval.compiled import compiled
-from rangeeval.stats.swerling.likelihood import arguments, quick_case
-from rangeeval.stats.swerling.looks import Case, Looks, Windows
-from rangeeval.stats.swerling.terms import (
+from rangeeval.stats.swerling.closed import (
+    CONVERGED,
     DETECTION,
+    EMPTY,
+    GUARD,
     HIT,
     MISS,
-    detection_probability_of,
-    level_below,
-    look_terms,
-    quick_value,
+    SPENT,
+    closed_ml_b,
+    closed_moments,
+    density,
+    density_one,
+    density_three,
 )
+from rangeeval.stats.swerling.likelihood import detections, in_closed_form, log_likelihood, newton
+from rangeeval.stats.swerling.looks import Case, Looks, Windows
+from rangeeval.stats.swerling.terms import detection_probability_of, level_below
 
 Floats = NDArray[np.float64]
 
-CONVERGED, GUARD, EMPTY, SPENT = 0, 1, 2, 3
+METHODS = ("ml-b", "em-b", "em-a")
 REASONS = ("converged", "guard", "no detection", "iterations spent")
 _MOST = 500
 _NODES, _WEIGHTS = (np.ascontiguousarray(a) for a in np.polynomial.legendre.leggauss(40))
@@ -51,151 +57,73 @@ def _expected(kind, z, t, n, s, shape):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _mean_of_moments(kind, z, threshold, alpha, pulses, shape, first, last, s):  # type: ignore[no-untyped-def]
-    """Eq. 15: missed looks filled in with their conditional mean, then the estimate by moments."""
-    total, seen_a, seen_t, level = 0.0, -1.0, -1.0, 0.0
-    for k in range(first, last):
-        n, a = pulses[k], alpha[k]
-        if kind[k] == DETECTION:
-            y = z[k]
-        elif kind[k] == MISS:
-            if a != seen_a or threshold[k] != seen_t:
-                seen_a, seen_t = a, threshold[k]
-                level = level_below(seen_t, n, a * s, shape[k])
-            y = level
-        else:
-            y = _expected(kind[k], z[k], threshold[k], n, a * s, shape[k])
-        total += (y - n) / (n * a)
-    return total / (last - first)
-
-
-@compiled
-def _q(kind, z, threshold, alpha, shape, first, last, s, old):  # type: ignore[no-untyped-def]
-    """Q(s, old) of one window and its derivatives in ln s (eq. 11): g1 by 40-point Gauss-Legendre."""
-    value, d1, d2 = 0.0, 0.0, 0.0
-    seen_a, seen_t, mv, m1, m2 = -1.0, -1.0, 0.0, 0.0, 0.0
-    for k in range(first, last):
-        a = alpha[k]
-        if kind[k] == DETECTION:
-            v, p, q = look_terms(DETECTION, z[k], threshold[k], 1, a * s, shape[k], 1.0)
-        else:
-            if a != seen_a or threshold[k] != seen_t:
-                seen_a, seen_t = a, threshold[k]
-                mv, m1, m2, total = 0.0, 0.0, 0.0, 0.0
-                half = 0.5 * seen_t
-                for i in range(len(_NODES)):
-                    y = half * (_NODES[i] + 1.0)
-                    w = _WEIGHTS[i] * math.exp(look_terms(DETECTION, y, seen_t, 1, a * old, shape[k], 1.0)[0])
-                    v, p, q = look_terms(DETECTION, y, seen_t, 1, a * s, shape[k], 1.0)
-                    total += w
-                    mv += w * v
-                    m1 += w * p
-                    m2 += w * q
-                mv, m1, m2 = mv / total, m1 / total, m2 / total
-            v, p, q = mv, m1, m2
-        value += v
-        d1 += p
-        d2 += q
-    return value, d1, d2
-
-
-@compiled
-def _argmax_q(kind, z, threshold, alpha, shape, first, last, old):  # type: ignore[no-untyped-def]
-    u, low, high = math.log(old), -math.inf, math.inf
-    for _ in range(100):
-        _, d1, d2 = _q(kind, z, threshold, alpha, shape, first, last, math.exp(u), old)
-        if d1 > 0.0:
-            low = u
-        else:
-            high = u
-        step = -d1 / d2 if d2 < 0.0 else (1.0 if d1 > 0.0 else -1.0)
-        new = u + max(-1.0, min(1.0, step))
-        if not low < new < high:
-            new = 0.5 * (low + high) if math.isfinite(low) and math.isfinite(high) else new
-        if abs(new - u) < 1e-9:
-            return math.exp(new)
-        u = new
-    return math.exp(u)
-
-
-@compiled
-def _plain_value(kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, s):  # type: ignore[no-untyped-def]
-    if quick:
-        return quick_value(kind, z, threshold, alpha, shape[first], first, last, s)
-    value = 0.0
-    for k in range(first, last):
-        value += look_terms(kind[k], z[k], threshold[k], pulses[k], alpha[k] * s, shape[k], cells)[0]
-    return value
-
-
-@compiled
-def _iterate(  # type: ignore[no-untyped-def]
-    kind,
-    z,
-    threshold,
-    alpha,
-    pulses,
-    shape,
-    cells,
-    quick,
-    firsts,
-    lasts,
-    start,
-    method,
-    absolute,
-    relative,
-    out,
-    steps,
-    why,
-):
-    """`method` 0: ML-B (guard on lnL), 1: EM-B (guard on Q), 2: EM-A (Q maximised)."""
+def _series_moments(kind, z, threshold, alpha, pulses, shape, firsts, lasts, s, out):  # type: ignore[no-untyped-def]
+    """Eq. 15 for each window, whatever its looks are."""
     for i in range(len(firsts)):
-        first, last = firsts[i], lasts[i]
-        found, s = 0, 0.0
-        for k in range(first, last):
-            if kind[k] != MISS:
-                found += 1
-                y = z[k] if kind[k] != HIT else threshold[k]
-                s += (y - pulses[k]) / (alpha[k] * pulses[k])
-        s = max(0.0, s / (last - first))
-        if start[i] > 0.0:
-            s = start[i]
-        steps[i], why[i] = 0, SPENT
-        if found == 0:
-            out[i], why[i] = 0.0, EMPTY
-            continue
-        known = -math.inf
-        if method == 0 and s > 0.0:
-            known = _plain_value(kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, s)
-        while steps[i] < _MOST:
-            steps[i] += 1
-            if method == 2 and s > 0.0:
-                new = _argmax_q(kind, z, threshold, alpha, shape, first, last, s)
+        total = 0.0
+        for k in range(firsts[i], lasts[i]):
+            n, a = pulses[k], alpha[k]
+            total += (_expected(kind[k], z[k], threshold[k], n, a * s[i], shape[k]) - n) / (n * a)
+        out[i] = total / (lasts[i] - firsts[i])
+
+
+def _moments(looks: Looks, windows: Windows, case: Case, s: Floats) -> Floats:
+    """Eq. 15: missed looks filled in with their conditional mean, then the estimate by moments."""
+    out = np.empty(len(windows))
+    if in_closed_form(looks, case):
+        closed_moments(
+            looks.kind, looks.z, looks.threshold, looks.alpha, case.shape, windows.first, windows.last, s, out
+        )
+    else:
+        _series_moments(
+            looks.kind, looks.z, looks.threshold, looks.alpha, looks.pulses, case.shapes(looks.pulses),
+            windows.first, windows.last, s, out,
+        )  # fmt: skip
+    return out
+
+
+@compiled
+def _expectations(kind, z, threshold, alpha, shape, firsts, lasts, s, old, value, slope, bend):  # type: ignore[no-untyped-def]
+    """Q(s, old) of each window and its derivatives in ln s (eq. 11): g1 by 40-point Gauss-Legendre."""
+    for i in range(len(firsts)):
+        total, d1, d2 = 0.0, 0.0, 0.0
+        seen_a, seen_t, m0, m1, m2 = -1.0, -1.0, 0.0, 0.0, 0.0
+        for k in range(firsts[i], lasts[i]):
+            a = alpha[k]
+            if kind[k] == DETECTION:
+                v0 = density(z[k], a * s[i], shape)
+                v1, v2, _ = density_one(z[k], a * s[i]) if shape == 1.0 else density_three(z[k], a * s[i])
             else:
-                new = _mean_of_moments(kind, z, threshold, alpha, pulses, shape, first, last, s)
-            if new <= 0.0:
-                s, why[i] = 0.0, CONVERGED
-                break
-            if method == 0:
-                value = _plain_value(kind, z, threshold, alpha, pulses, shape, cells, quick, first, last, new)
-                if value < known:
-                    why[i] = GUARD
-                    break
-                known = value
-            elif method == 1 and s > 0.0:
-                after = _q(kind, z, threshold, alpha, shape, first, last, new, s)[0]
-                if after < _q(kind, z, threshold, alpha, shape, first, last, s, s)[0]:
-                    why[i] = GUARD
-                    break
-            moved = abs(new - s)
-            s = new
-            if moved < absolute or moved < relative * s:
-                why[i] = CONVERGED
-                break
-        out[i] = s
+                if a != seen_a or threshold[k] != seen_t:
+                    seen_a, seen_t = a, threshold[k]
+                    m0, m1, m2, weight = 0.0, 0.0, 0.0, 0.0
+                    for j in range(len(_NODES)):
+                        y = 0.5 * seen_t * (_NODES[j] + 1.0)
+                        w = _WEIGHTS[j] * math.exp(density(y, a * old[i], shape))
+                        p, q, _ = density_one(y, a * s[i]) if shape == 1.0 else density_three(y, a * s[i])
+                        weight += w
+                        m0 += w * density(y, a * s[i], shape)
+                        m1 += w * p
+                        m2 += w * q
+                    m0, m1, m2 = m0 / weight, m1 / weight, m2 / weight
+                v0, v1, v2 = m0, m1, m2
+            total += v0
+            d1 += v1
+            d2 += v2
+        value[i], slope[i], bend[i] = total, d1, d2
 
 
-METHODS = {"ml-b": 0, "em-b": 1, "em-a": 2}
+def _q(looks: Looks, windows: Windows, case: Case, s: Floats, old: Floats) -> tuple[Floats, Floats, Floats]:
+    value, slope, bend = (np.empty(len(windows)) for _ in range(3))
+    _expectations(
+        looks.kind, looks.z, looks.threshold, looks.alpha, case.shape, windows.first, windows.last, s, old, value,
+        slope, bend,
+    )  # fmt: skip
+    return value, slope, bend
+
+
+def _argmax_q(looks: Looks, windows: Windows, case: Case, old: Floats) -> Floats:
+    return np.exp(newton(lambda rows, s: _q(looks, windows.take(rows), case, s, old[rows]), np.log(old)))
 
 
 def iterate(
@@ -224,44 +152,99 @@ def iterate(
     ValueError : `em-a` or `em-b` for anything but detections and misses of single pulses, Swerling 1 to 4 (the paper
         defines Q only there).
     """
-    if method != "ml-b" and not (
-        bool((looks.pulses == 1).all()) and case.shape in (1.0, 2.0) and bool((looks.kind <= DETECTION).all())
-    ):
+    quick = in_closed_form(looks, case)
+    if method != "ml-b" and not quick:
         raise ValueError(f"{method} is defined for Swerling 1 to 4, single pulses and recorded amplitudes; use ml-a")
-    out, steps = np.empty(len(windows)), np.empty(len(windows), np.int64)
-    why = np.empty(len(windows), np.int8)
     begin = np.ascontiguousarray(np.broadcast_to(np.asarray(start, np.float64), len(windows)))
-    _iterate(
-        *arguments(looks, case), quick_case(looks, case) > 0, windows.first, windows.last, begin,
-        METHODS[method], absolute, relative,
-        out, steps, why,
-    )  # fmt: skip
-    return out, steps, why
+    if method == "ml-b" and quick:
+        s, steps, why = np.empty(len(windows)), np.empty(len(windows), np.int64), np.empty(len(windows), np.int8)
+        closed_ml_b(
+            looks.kind, looks.z, looks.threshold, looks.alpha, case.shape, windows.first, windows.last, begin,
+            absolute, relative, _MOST, s, steps, why,
+        )  # fmt: skip
+        return s, steps, why
+    return iterate_together(looks, windows, case, method, begin, absolute, relative)
+
+
+def iterate_together(
+    looks: Looks, windows: Windows, case: Case, method: str, start: Floats, absolute: float, relative: float
+) -> tuple[Floats, NDArray[np.int64], NDArray[np.int8]]:
+    """`iterate` for every method and sort of look, a step of all windows at a time."""
+    known = np.where(looks.kind == HIT, looks.threshold, looks.z) - looks.pulses
+    moments = np.where(looks.kind == MISS, 0.0, known / (looks.alpha * looks.pulses))
+    size = windows.last - windows.first
+    s = np.where(start > 0.0, start, np.maximum(0.0, windows.reduce(np.add, moments) / size))
+    found = detections(looks, windows) > 0
+    s[~found] = 0.0
+    steps, why = np.zeros(len(windows), np.int64), np.where(found, SPENT, EMPTY).astype(np.int8)
+    open_ = np.flatnonzero(found)
+
+    def worth(rows: NDArray[np.int64], new: Floats, old: Floats) -> Floats:
+        """What must not fall: Q for EM-B, else lnL."""
+        value, some = np.full(len(rows), -np.inf), windows.take(rows)
+        inside = new > 0.0 if method != "em-b" else (new > 0.0) & (old > 0.0)
+        here = some.take(inside)
+        value[inside] = (
+            _q(looks, here, case, new[inside], old[inside])[0]
+            if method == "em-b"
+            else log_likelihood(looks, here, case, new[inside])[0]
+        )
+        return value
+
+    for _ in range(_MOST):
+        if not len(open_):
+            break
+        steps[open_] += 1
+        old, some = s[open_], windows.take(open_)
+        new = _moments(looks, some, case, old)
+        if method == "em-a":
+            inside = old > 0.0
+            new[inside] = _argmax_q(looks, some.take(inside), case, old[inside])
+        none = new <= 0.0
+        new[none] = 0.0
+        worse = np.zeros(len(open_), dtype=bool)
+        if method != "em-a":
+            worse = ~none & (worth(open_, new, old) < worth(open_, old, old))
+        moved = np.abs(new - old)
+        near = ~worse & (none | (moved < absolute) | (moved < relative * new))
+        why[open_[worse]], why[open_[near]] = GUARD, CONVERGED
+        s[open_] = np.where(worse, old, new)
+        open_ = open_[~(worse | near)]
+    return s, steps, why
 
 
 @compiled
-def _follow_median(kind, z, alpha, pulses, e, hits, dead, step, subtract, always, out):  # type: ignore[no-untyped-def]
-    buffer = np.zeros(hits)
-    held = 0
-    for k in range(len(kind)):
-        if kind[k] == MISS:
-            e -= step
-        else:
-            n = pulses[k]
-            buffer[held % hits] = (z[k] - (n if subtract else 0.0)) / (n * alpha[k])
-            held += 1
-        if held >= hits and (kind[k] != MISS or always):
-            median = np.median(buffer)
-            m = 10.0 * math.log10(median) if median > 0.0 else -math.inf
-            if m > e + dead:
-                e += step
-            elif m < e - dead:
+def _follow_median(kind, z, alpha, pulses, firsts, lasts, e, hits, dead, step, most, subtract, always, out):  # type: ignore[no-untyped-def]
+    latest, ordered = np.zeros(hits), np.zeros(hits)
+    begin = e
+    for i in range(len(firsts)):
+        e, held = begin, 0
+        for k in range(firsts[i], lasts[i]):
+            if kind[k] == MISS:
                 e -= step
-        out[k] = 10.0 ** (0.1 * e)
+            else:
+                n = pulses[k]
+                latest[held % hits] = (z[k] - (n if subtract else 0.0)) / (n * alpha[k])
+                held += 1
+            if held >= hits and (kind[k] != MISS or always):
+                for j in range(hits):  # a few numbers: sorted by insertion
+                    place = j
+                    while place > 0 and ordered[place - 1] > latest[j]:
+                        ordered[place] = ordered[place - 1]
+                        place -= 1
+                    ordered[place] = latest[j]
+                median = 0.5 * (ordered[(hits - 1) // 2] + ordered[hits // 2])
+                m = 10.0 * math.log10(median) if median > 0.0 else -200.0
+                if m > e + dead:
+                    e += step * min(most, math.ceil((m - dead - e) / step))
+                elif m < e - dead:
+                    e -= step * min(most, math.ceil((e - dead - m) / step))
+            out[k] = 10.0 ** (0.1 * e)
 
 
 def median_rule(
     looks: Looks,
+    windows: Windows | None = None,
     *,
     start: float = 1.5,
     hits: int = 5,
@@ -269,16 +252,20 @@ def median_rule(
     step_db: float = 0.5,
     subtract_noise: bool = True,
     every_scan: bool = False,
+    until_near: bool = False,
 ) -> Floats:
     """MED: the estimate after each look, moved 0.5 dB at a time by misses and by the median of the last detections.
 
-    The paper leaves open whether noise is subtracted and whether the median is tested on missed scans too; the
-    defaults are the primary reading.
+    The paper leaves open whether noise is subtracted, whether the median is tested on missed scans too, and whether the
+    estimate moves one step a look or steps until it is within 1 dB of the median (`until_near`): the defaults are the
+    primary reading, and docs/explanation/rcs.md shows that only `until_near` gives the errors the paper describes. It
+    begins anew with each of `windows` (side by side; all looks by default).
     """
     out = np.empty(len(looks))
+    cut = windows or Windows.whole(looks)
     _follow_median(
-        looks.kind, looks.z, looks.alpha, looks.pulses, 10.0 * math.log10(start), hits, dead_db, step_db,
-        subtract_noise, every_scan, out,
+        looks.kind, looks.z, looks.alpha, looks.pulses, cut.first, cut.last, 10.0 * math.log10(start), hits, dead_db,
+        step_db, _MOST if until_near else 1, subtract_noise, every_scan, out,
     )  # fmt: skip
     return out
 
@@ -287,7 +274,7 @@ def expected_log(s: float, old: float, threshold: float, shape: float = 2.0) -> 
     """g1 of the paper's Q: E[ln(y + 1 + 2/S) | y missed, S'] at S = `s`, S' = `old` (eq. 12 as corrected)."""
     half = 0.5 * threshold
     y = half * (_NODES + 1.0)
-    weight = _WEIGHTS * np.exp([look_terms(DETECTION, v, threshold, 1, old, shape, 1.0)[0] for v in y])
+    weight = _WEIGHTS * np.exp([density(v, old, shape) for v in y])
     return float(weight @ np.log(y + 1.0 + 2.0 / s) / weight.sum())
 
 

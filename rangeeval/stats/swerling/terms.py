@@ -5,7 +5,7 @@ through a latent count j, the model has terms that are all positive, so nothing 
 shape K and mean n S (Poisson for a steady target), and z given j is gamma with shape n + j and scale 1. Derivatives
 are with respect to u = ln s; for them only the mean and the variance of j given the look are needed (Louis 1982).
 
-Single pulses of Swerling 1 (K = 1) and Swerling 3 (K = 2) have closed forms, ten times as quick.
+Single pulses of Swerling 1 (K = 1) and Swerling 3 (K = 2) have the closed forms of `closed`.
 
 References
 ----------
@@ -18,8 +18,18 @@ from __future__ import annotations
 import math
 
 from rangeeval.compiled import compiled
-
-MISS, DETECTION, HIT, SATURATED = 0, 1, 2, 3
+from rangeeval.stats.swerling.closed import (
+    DETECTION,
+    MISS,
+    SATURATED,
+    density,
+    density_one,
+    density_three,
+    level_closed,
+    miss,
+    miss_one,
+    miss_three,
+)
 
 _BIG = 1e200
 _LN_BIG = math.log(_BIG)
@@ -175,122 +185,21 @@ def above(t, n, mean, shape):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _lower_two(x):  # type: ignore[no-untyped-def]
-    """The regularised lower gamma function P(2, x), without cancellation."""
-    if x > 0.6:
-        return 1.0 - math.exp(-x) * (1.0 + x)
-    term = 0.5 * x * x
-    total, k = 0.0, 2.0
-    while term > 1e-18 * total:
-        total += term
-        k += 1.0
-        term *= x / k
-    return total * math.exp(-x)
-
-
-@compiled
-def miss_one(t, s):  # type: ignore[no-untyped-def]
-    """Swerling 1, one pulse: P(miss) and its derivatives of the logarithm in ln s (`s`: mean SNR)."""
-    b = 1.0 + s
-    x = t / b
-    grown = math.expm1(x)
-    if math.isinf(grown):
-        return 1.0, 0.0, 0.0
-    h = x / grown
-    r = s / b
-    return grown / (1.0 + grown), -r * h, -r * h / b + r * r * x * (1.0 - h * (grown + 1.0)) / grown
-
-
-@compiled
-def miss_three(t, s):  # type: ignore[no-untyped-def]
-    """Swerling 3, one pulse: P(miss) and its derivatives of the logarithm in ln s."""
-    b = 1.0 + 0.5 * s
-    x = t / b
-    e = math.exp(-x)
-    p = _lower_two(x) + x * e / b
-    r = 1.0 - 1.0 / b if s > 0.1 else 0.5 * s / b
-    factor = r * x + 2.0 / b
-    d1 = -s * 0.5 * e * (x / b) * factor / p
-    bent = x * r - 2.0 * r + (r * x / b - r * r * x - 2.0 * r / b) / factor
-    return p, d1, d1 * (1.0 + bent) - d1 * d1
-
-
-@compiled
-def density_slope_one(z, s):  # type: ignore[no-untyped-def]
-    """Swerling 1, one pulse: derivatives of ln f in ln s."""
-    v = 1.0 / (1.0 + s)
-    r, y = s * v, z * v
-    return r * (y - 1.0), r * v * (y - 1.0) - r * r * y
-
-
-@compiled
-def density_slope_three(z, s):  # type: ignore[no-untyped-def]
-    """Swerling 3, one pulse: derivatives of ln f in ln s."""
-    v = 1.0 / (2.0 + s)
-    a = (z + 1.0) / (s * (z + 1.0) + 2.0)
-    score = a - 3.0 * v + 2.0 * z * v * v
-    return s * score, s * score + s * s * (-a * a + 3.0 * v * v - 4.0 * z * v * v * v)
-
-
-@compiled
 def level_below(t, n, s, shape):  # type: ignore[no-untyped-def]
-    """E[z | z < t], the paper's g2 (eq. 14) without its cancellation; `s`: mean SNR per pulse."""
-    if n != 1 or (shape != 1.0 and shape != 2.0):
-        return below_terms(t, n, n * s, shape)[3]
-    b = 1.0 + s / shape
-    x = t / b
-    two = _lower_two(x)
-    if shape == 1.0:
-        return b * two / -math.expm1(-x)
-    e = math.exp(-x)
-    if x > 0.6:
-        three = two - 0.5 * e * x * x
-    else:
-        term, three, k = x * x * x / 6.0, 0.0, 3.0
-        while term > 1e-18 * three:
-            three += term
-            k += 1.0
-            term *= x / k
-        three *= e
-    return (s * three + two) / (two + x * e / b)
-
-
-@compiled
-def quick_value(kind, z, threshold, alpha, shape, first, last, s):  # type: ignore[no-untyped-def]
-    """lnL of detections and misses of single pulses, Swerling 1 or 3: one logarithm for many looks."""
-    total, product = 0.0, 1.0
-    seen_a, seen_t, missed = -1.0, -1.0, 1.0
-    for k in range(first, last):
-        a = alpha[k] * s
-        if kind[k] == MISS:
-            if alpha[k] != seen_a or threshold[k] != seen_t:
-                seen_a, seen_t = alpha[k], threshold[k]
-                b = 1.0 + a / shape
-                x = seen_t / b
-                missed = -math.expm1(-x) if shape == 1.0 else _lower_two(x) + x * math.exp(-x) / b
-            product *= missed
-        elif shape == 1.0:
-            v = 1.0 / (1.0 + a)
-            total -= z[k] * v
-            product *= v
-        else:
-            v = 1.0 / (2.0 + a)
-            total -= 2.0 * z[k] * v
-            product *= 4.0 * (a * (z[k] + 1.0) + 2.0) * v * v * v
-        if not 1e-200 < product < 1e200:
-            total += math.log(product)
-            product = 1.0
-    return total + math.log(product)
+    """E[z | z < t]; `s`: mean SNR per pulse."""
+    if n == 1 and (shape == 1.0 or shape == 2.0):
+        return level_closed(t, s, shape)
+    return below_terms(t, n, n * s, shape)[3]
 
 
 @compiled
 def _below(t, n, s, shape):  # type: ignore[no-untyped-def]
     if n == 1 and shape == 1.0:
-        p, d1, d2 = miss_one(t, s)
-        return math.log(p), d1, d2
+        d1, d2, _ = miss_one(t, s)
+        return miss(t, s, shape), d1, d2
     if n == 1 and shape == 2.0:
-        p, d1, d2 = miss_three(t, s)
-        return math.log(p), d1, d2
+        d1, d2, _ = miss_three(t, s)
+        return miss(t, s, shape), d1, d2
     value, d1, d2, _ = below_terms(t, n, n * s, shape)
     return value, d1, d2
 
@@ -298,12 +207,11 @@ def _below(t, n, s, shape):  # type: ignore[no-untyped-def]
 @compiled
 def _density(z, n, s, shape):  # type: ignore[no-untyped-def]
     if n == 1 and shape == 1.0:
-        d1, d2 = density_slope_one(z, s)
-        return -math.log1p(s) - z / (1.0 + s), d1, d2
+        d1, d2, _ = density_one(z, s)
+        return density(z, s, shape), d1, d2
     if n == 1 and shape == 2.0:
-        d1, d2 = density_slope_three(z, s)
-        value = math.log(4.0) + math.log(s * (z + 1.0) + 2.0) - 3.0 * math.log(2.0 + s) - 2.0 * z / (2.0 + s)
-        return value, d1, d2
+        d1, d2, _ = density_three(z, s)
+        return density(z, s, shape), d1, d2
     return density_terms(z, n, n * s, shape)
 
 
@@ -366,14 +274,15 @@ def look_terms(kind, z, t, n, s, shape, cells):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def score_at_zero(kind, z, t, alpha, n):  # type: ignore[no-untyped-def]
-    """d lnL / ds of one look at s = 0: the same for every case."""
-    if kind == DETECTION:
-        return alpha * (z - n)
-    limit = z if kind == SATURATED else t
-    if n == 1:
-        return -alpha * limit / math.expm1(limit) if kind == MISS else alpha * limit
-    top = n * math.log(limit) - limit - math.lgamma(n)
-    if kind == MISS:
-        return -alpha * math.exp(top - below_terms(limit, n, 0.0, math.inf)[0])
-    return alpha * math.exp(top) / above(limit, n, 0.0, math.inf)
+def series_values(  # type: ignore[no-untyped-def]
+    kind, z, threshold, alpha, pulses, shape, cells, firsts, lasts, s, value, slope, bend
+):
+    """lnL of each window and its two derivatives in ln s, whatever its looks are."""
+    for i in range(len(firsts)):
+        total, d1, d2 = 0.0, 0.0, 0.0
+        for k in range(firsts[i], lasts[i]):
+            v0, v1, v2 = look_terms(kind[k], z[k], threshold[k], pulses[k], alpha[k] * s[i], shape[k], cells)
+            total += v0
+            d1 += v1
+            d2 += v2
+        value[i], slope[i], bend[i] = total, d1, d2
