@@ -206,7 +206,7 @@ def test_a_damaged_catalogue_is_one_line(tmp_path, place):
         path.write_bytes(whole[:page] + bytes([0xA5]) * 4096 + whole[page + 4096 :])
         for left in tmp_path.glob("d.sqlite-*"):
             left.unlink()
-        with pytest.raises(InputError) as caught, open_catalog(path) as opened:
+        with pytest.raises(InputError) as caught, open_catalog(path) as opened:  # noqa: PT012
             list(opened.estimates())
             opened.check()
         assert "\n" not in str(caught.value)
