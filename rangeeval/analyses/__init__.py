@@ -45,9 +45,7 @@ ANALYSES: dict[str, Analysis] = {
     "attitude": Analysis("rangeeval.analyses.attitude:attitude", needs=("tilt",)),
     "bearing": Analysis("rangeeval.analyses.bearing:bearing", needs=("snapshots",)),
     "replay": Analysis("rangeeval.analyses.replay:replay", needs=("plots",), takes=("per_track",), optional=True),
-    "truth": Analysis(
-        "rangeeval.analyses.truth:truth", needs=("plots", "truth"), takes=("per_track",), optional=True
-    ),
+    "truth": Analysis("rangeeval.analyses.truth:truth", needs=("plots", "truth"), takes=("per_track",), optional=True),
 }
 
 

@@ -284,9 +284,7 @@ def exponential(generator: FloatArray, dt: float, pi: FloatArray) -> None:
 
 
 @compiled
-def _cycle(
-    setup: Setup, w: Work, z: FloatArray, known: int, dt: float, level: int
-) -> tuple[int, float, float, int]:
+def _cycle(setup: Setup, w: Work, z: FloatArray, known: int, dt: float, level: int) -> tuple[int, float, float, int]:
     """Mix, predict, gate and update: flags, NIS, log-likelihood and how many components were used."""
     models = setup.motions.size
     flag = 0

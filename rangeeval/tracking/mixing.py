@@ -67,9 +67,7 @@ def pad(
 
 
 @compiled
-def _regress(
-    i: int, j: int, x: FloatArray, p: FloatArray, y: FloatArray, s: FloatArray, work: FloatArray
-) -> None:
+def _regress(i: int, j: int, x: FloatArray, p: FloatArray, y: FloatArray, s: FloatArray, work: FloatArray) -> None:
     # regression B of the third block on position and velocity in model j: B P66 = Pu6, by Cholesky of P66
     for a in range(6):
         for b in range(a + 1):

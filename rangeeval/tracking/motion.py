@@ -144,9 +144,7 @@ def predict(
 
 
 @compiled
-def _predict_cv(
-    dt: float, q: FloatArray, x: FloatArray, p: FloatArray, y: FloatArray, s: FloatArray
-) -> None:
+def _predict_cv(dt: float, q: FloatArray, x: FloatArray, p: FloatArray, y: FloatArray, s: FloatArray) -> None:
     for a in range(3):
         y[a] = x[a] + dt * x[3 + a]
         y[3 + a] = x[3 + a]
@@ -165,9 +163,7 @@ def _predict_cv(
 
 
 @compiled
-def _predict_ca(
-    dt: float, q: FloatArray, x: FloatArray, p: FloatArray, y: FloatArray, s: FloatArray
-) -> None:
+def _predict_ca(dt: float, q: FloatArray, x: FloatArray, p: FloatArray, y: FloatArray, s: FloatArray) -> None:
     h = 0.5 * dt * dt
     for a in range(3):
         y[a] = x[a] + dt * x[3 + a] + h * x[6 + a]

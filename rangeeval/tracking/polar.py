@@ -74,9 +74,7 @@ def convert(r: float, az: float, el: float, y: FloatArray) -> None:
 
 
 @compiled
-def conventional_covariance(
-    r: float, az: float, el: float, vr: float, va: float, ve: float, c: FloatArray
-) -> None:
+def conventional_covariance(r: float, az: float, el: float, vr: float, va: float, ve: float, c: FloatArray) -> None:
     """Covariance J R J' of a converted measurement with variances vr, va, ve, into `c` (3, 3)."""
     ca, sa, ce, se = math.cos(az), math.sin(az), math.cos(el), math.sin(el)
     d0 = (ca * ce, sa * ce, se)

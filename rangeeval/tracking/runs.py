@@ -171,7 +171,7 @@ def _run(spec: Filter, batch: Batch, level: int) -> tuple[FloatArray, FloatArray
     n = len(batch.rows) if level > LIKELIHOOD else 0
     total = np.zeros(batch.planar.size)
     table = np.full((n, PROBABILITY + models * (182 if level == DETAIL else 1)), np.nan)
-    table[:, DOF : PROBABILITY] = 0.0
+    table[:, DOF:PROBABILITY] = 0.0
     flags = np.zeros(n, dtype=np.int64)
     run_tracks(setup, level, batch.offsets, batch.rows, batch.planar, total, table, flags)
     return total, table, flags

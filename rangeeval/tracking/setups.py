@@ -84,7 +84,9 @@ def gates(probability: float, beyond: float | None = None) -> FloatArray:
     `beyond`, if given, is one minus the probability, for probabilities too near to 1 to be written.
     """
     half = np.array([0.5, 1.0, 1.5])
-    limits: FloatArray = 2.0 * (special.gammaincinv(half, probability) if beyond is None else special.gammainccinv(half, beyond))
+    limits: FloatArray = 2.0 * (
+        special.gammaincinv(half, probability) if beyond is None else special.gammainccinv(half, beyond)
+    )
     return limits
 
 
@@ -107,7 +109,9 @@ def generator(pi: FloatArray) -> FloatArray:
     if np.any((values.real <= 0) & (np.abs(values.imag) < 1e-12)) or np.linalg.cond(vectors) > 1e10:
         return np.full(pi.shape, math.nan)
     logarithm = (vectors * np.log(values.astype(np.complex128))) @ np.linalg.inv(vectors)
-    return np.ascontiguousarray(logarithm.real) if np.max(np.abs(logarithm.imag)) < 1e-9 else np.full(pi.shape, math.nan)
+    return (
+        np.ascontiguousarray(logarithm.real) if np.max(np.abs(logarithm.imag)) < 1e-9 else np.full(pi.shape, math.nan)
+    )
 
 
 def _known(name: str, table: dict[str, int]) -> str:
