@@ -45,6 +45,7 @@ columns = { "TIME" = "time_s", "RHO" = "range_nmi", "THETA" = "azimuth_deg", "TA
 MILE = 1852.0
 EDGES_NMI = (3, 10, 20, 40)
 STRETCHES, FEWEST = 30, 30  # stretches of aircraft a band is tuned on, and plots in the shortest
+FASTEST = 350.0  # m/s, of an airliner with the wind
 NOISE = (15.0, 1e-3, 1e-3)  # of the made-up radar that watches the real flights
 
 
@@ -147,7 +148,8 @@ def watched(path: Path, away_deg: float) -> None:
     lat, lon = float(np.nanmedian(true["latitude_deg"])) - away_deg, float(np.nanmedian(true["longitude_deg"]))
     own = {"range_sigma_m": NOISE[0], "azimuth_sigma_deg": float(np.degrees(NOISE[1])),
            "elevation_sigma_deg": float(np.degrees(NOISE[2]))}  # fmt: skip
-    settings = settings_from({"site": {"latitude_deg": lat, "longitude_deg": lon}, "replay": own})
+    flown_at = {"max_speed_m_s": FASTEST}
+    settings = settings_from({"truth": flown_at, "site": {"latitude_deg": lat, "longitude_deg": lon}, "replay": own})
     bare = Trial(path.name, (log_of("truth", true, path.name),), settings)
     paths, problems = true_paths(bare)
     flown = next(iter(paths.values()))
