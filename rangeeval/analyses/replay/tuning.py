@@ -85,8 +85,8 @@ def tune(spec: AnyFilter, tracks: Sequence[Track], sigma: tuple[float, float, fl
         raise InputError(f"{updates} updates are too few to tune {len(parameters)} parameters with")
     found = tuning.tune(spec, _without_wild_plots(runs), parameters, confidence=confidence)
     values = tuple(
-        _value(p, sigma, Interval(*(float(v) for v in ends), updates, float(updates)))
-        for p, *ends in zip(parameters, found.values, found.low, found.high, strict=True)
+        _value(p, sigma, Interval(float(value), float(low), float(high), updates, float(updates)))
+        for p, value, low, high in zip(parameters, found.values, found.low, found.high, strict=True)
     )
     held = _gain(spec, found.filter, judges, confidence) if judges else None
     return Tuned(found.filter, values, _gain(spec, found.filter, train, confidence), held, sigma)
