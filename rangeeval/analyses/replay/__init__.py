@@ -34,7 +34,9 @@ from rangeeval.tracking.runs import Flag, Run, run_many, smooth
 
 Floats = NDArray[np.float64]
 
-__all__ = ["Replayed", "replay", "run_replay"]
+__all__ = ["Replayed", "replay", "replay_for_report", "run_replay"]
+
+COMPARED = 10_000  # plots up to which a report compares filters unasked: a second or so
 
 
 @dataclass(frozen=True)
@@ -192,6 +194,20 @@ def replay(
         problems=gather(problems),
         series=series_of(gathered, runs, _split(against.true, runs) if against is not None else None),
     )
+
+
+def replay_for_report(
+    trial: Trial,
+    bins: Bins | None = None,
+    *,
+    confidence: float = 0.95,
+    per_track: bool = False,
+    progress: Callable[[int], None] | None = None,
+) -> Result:
+    """What a report shows of replay: the trial's filter, and for all but long logs the others beside it."""
+    done = run_replay(trial, confidence=confidence, progress=progress)
+    short = done.gathered.counts["used"] <= COMPARED
+    return replay(trial, bins, compare=short, confidence=confidence, per_track=per_track, replayed=done)
 
 
 def compare_with(
