@@ -70,9 +70,7 @@ def _whole_table(result: Result, caption: str) -> Table:
         for line in lines(rows, wanted):
             name = f"{coordinate.capitalize()} ({shown(unit).unit})"
             body.append([name, str(line.first.n), *(estimate_text(line.of[q]) for q in wanted), flags_text(line.flags)])
-    return Table(
-        caption, ["Coordinate", "n", *(w[:1].upper() + w[1:] for w in _PARTS.values()), "Flags"], body, "lrrrrl"
-    )
+    return Table(caption, ["Coordinate", "n", "Bias", "σ", "RMS", "Flags"], body, "lrrrrl")
 
 
 def _offset_table(result: Result) -> Table:
