@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -200,7 +200,7 @@ def set_rows(s: Scene, names: Sequence[str], bins: Bins, own: ReplaySettings, co
         g.append(gospa(apart, cutoff, ORDER))
     whole = Place(np.ones(0, bool))
     rows = [
-        whole.row(name, unit, mean(values, confidence))
+        whole.row(name, unit, _from_zero(mean(values, confidence)))
         for name, unit, values in (
             ("ospa", "m", [v.total for v in o]),
             ("ospa_localisation", "m", [v.localisation for v in o]),
@@ -226,6 +226,11 @@ def set_rows(s: Scene, names: Sequence[str], bins: Bins, own: ReplaySettings, co
     if pure:
         rows.append(whole.row("track_purity", "1", mean(np.array(pure), confidence)))
     return rows
+
+
+def _from_zero(found: Interval) -> Interval:
+    """The interval of a distance, which cannot be negative."""
+    return replace(found, low=max(found.low, 0.0)) if math.isfinite(found.low) else found
 
 
 def associate(s: Scene, own: ReplaySettings) -> Association:
