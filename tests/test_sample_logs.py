@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import rangeeval
-from rangeeval.scenarios import simulate_alpha_beta, simulate_attitude
+from rangeeval.scenarios import simulate_alpha_beta, simulate_attitude, simulate_imm
 from tests import legacy
 
 SAMPLES = Path(__file__).resolve().parents[1] / "sample_logs"
@@ -27,6 +27,12 @@ def test_attitude_is_made_again_byte_for_byte(tmp_path: Path) -> None:
     """`rangeeval simulate attitude -o sample_logs/attitude --seed 1` gives the same bytes."""
     simulate_attitude(tmp_path, seed=1)
     assert _bytes(tmp_path) == _bytes(SAMPLES / "attitude")
+
+
+def test_imm_is_made_again_byte_for_byte(tmp_path: Path) -> None:
+    """`rangeeval simulate imm -o sample_logs/imm --seed 1` gives the same bytes."""
+    simulate_imm(tmp_path, seed=1)
+    assert _bytes(tmp_path) == _bytes(SAMPLES / "imm")
 
 
 def test_legacy_is_made_again_byte_for_byte(tmp_path: Path) -> None:

@@ -23,9 +23,9 @@ from rangeeval.tracking.starting import start, turn_from_acceleration
 from rangeeval.tracking.updating import (
     cartesian_innovation,
     cholesky_inverse,
+    correct,
     forbid_parallel_turn,
     innovation_covariance,
-    correct,
     polar_innovation,
     quadratic,
 )
@@ -36,6 +36,7 @@ BoolArray = NDArray[np.bool_]
 
 LIKELIHOOD, UPDATES, DETAIL = 0, 1, 2  # levels of output
 LOG_2PI = math.log(2.0 * math.pi)
+DIVERGED = 1e14  # variance (m^2, m^2/s^2) at which a filter knows nothing and rounding eats its covariance
 
 # Values of runs.Flag, which this kernel cannot import.
 STARTING, MISSED, PARTIAL, GATED, RESTARTED = 1, 2, 4, 8, 16
@@ -332,7 +333,8 @@ def _cycle(
         if table[j, PARALLEL] > 0.0:
             forbid_parallel_turn(table[j, PARALLEL], x, p, j, f)
         for a in range(6):
-            sound = sound and math.isfinite(x[j, a]) and p[j, 10 * a] > 0.0 and p[j, 10 * a] < math.inf
+            limit = math.inf if a % 3 == 2 else DIVERGED  # the height may not be observed at all
+            sound = sound and math.isfinite(x[j, a]) and p[j, 10 * a] > 0.0 and p[j, 10 * a] < limit
     return flag if sound else flag | BROKEN, nis, value, known
 
 

@@ -158,16 +158,17 @@ def run_many(spec: AnyFilter, tracks: Sequence[Measurements], *, detail: bool = 
         return _run_beam(spec, tracks)
     batch = Batch.of(tracks)
     level = DETAIL if detail else UPDATES
-    table, flags = _run(spec, batch, level)[1:]
+    table, flags = run_table(spec, batch, level)[1:]
     return [_cut(spec, track, batch, i, table, flags, detail) for i, track in enumerate(tracks)]
 
 
 def log_likelihood(spec: Filter, tracks: Sequence[Measurements] | Batch) -> FloatArray:
     """The log-likelihood (tracks,) of each track: `run` reduced to what tuning needs."""
-    return _run(spec, tracks if isinstance(tracks, Batch) else Batch.of(tracks), LIKELIHOOD)[0]
+    return run_table(spec, tracks if isinstance(tracks, Batch) else Batch.of(tracks), LIKELIHOOD)[0]
 
 
-def _run(spec: Filter, batch: Batch, level: int) -> tuple[FloatArray, FloatArray, IntArray]:
+def run_table(spec: Filter, batch: Batch, level: int) -> tuple[FloatArray, FloatArray, IntArray]:
+    """The kernel's own output: log-likelihood of each track, and above level LIKELIHOOD the table and flags of the rows."""
     setup = setup_of(spec)
     _check_intervals(setup, batch)
     models = len(spec.models)
