@@ -15,17 +15,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rangeeval.compiled import compiled
-from rangeeval.tracking.mixing import mix
+from rangeeval.compiled import compiled_ieee
+from rangeeval.tracking.mixing import RESET, mix, pad
 from rangeeval.tracking.motion import CT, predict, process_noise, states_of
-from rangeeval.tracking.polar import EKF, conventional_covariance, convert, measure, wrap
+from rangeeval.tracking.polar import EKF, measure, wrap
 from rangeeval.tracking.starting import start, turn_from_acceleration
 from rangeeval.tracking.updating import (
     cartesian_innovation,
     cholesky_inverse,
     forbid_parallel_turn,
     innovation_covariance,
-    joseph,
+    correct,
     polar_innovation,
     quadratic,
 )
@@ -43,12 +43,18 @@ ABSURD, BROKEN, REPEATED, DISORDERED, OVERHEAD = 32, 64, 128, 256, 512
 
 
 class Setup(NamedTuple):
-    """A `filters.Filter` as numbers. Few arrays: each costs compile time wherever it is passed."""
+    """A `filters.Filter` as numbers; the arrays come first and are passed one by one."""
 
     motions: IntArray  # (models,)
-    table: FloatArray  # (models, 6): the columns below
-    pi: FloatArray  # (2, models, models): transition probabilities, generator per second
+    table: FloatArray  # (models, 6): columns below
+    pi: FloatArray  # (3 models, models): transition probabilities, generator per second, room for those of a step
     limits: FloatArray  # (3, 3): factor on sigma of each component; gate and absurd NIS by degrees of freedom
+    scalars: Scalars
+
+
+class Scalars(NamedTuple):
+    """The single numbers of a setup."""
+
     reference: float
     speed: float
     acceleration: float
@@ -62,89 +68,88 @@ class Setup(NamedTuple):
     restart_after: int
 
 
-SIGMA, SIGMA_TURN, PRIOR, PARALLEL, DECAY, START = range(6)  # columns of Setup.table
-SCALE, GATE, LIMIT = range(3)  # rows of Setup.limits
+# Columns of Setup.table; rows of Setup.limits.
+SIGMA, SIGMA_TURN, PRIOR, PARALLEL, DECAY, START = range(6)
+SCALE, GATE, LIMIT = range(3)
 
-
-class Work(NamedTuple):
-    """Scratch of the cycle, allocated once."""
-
-    x: FloatArray  # (4, models, 9): FILTERED, MIXED, PREDICTED, PADDED
-    p: FloatArray  # (4, models, 9, 9)
-    q: FloatArray  # (models, 6)
-    pi: FloatArray  # (models, models), over the step at hand
-    weight: FloatArray  # (4, models): MU, CBAR, MIX, LOG_L
-    vector: FloatArray  # (2, models, 3): AT (predicted measurement), NU
-    matrix: FloatArray  # (3, models, 3, 3): H, R, S
-    shrink: FloatArray  # (models, 9, 3): K H
-    mean: FloatArray  # (5, 3): of the mixture, predicted measurement, innovation, its covariance (3 rows)
-    inverse: FloatArray  # (3, 3)
-    scratch: FloatArray  # (24, 9)
-    plot: FloatArray  # (2, 3): variance, and 1 where measured
-    starts: FloatArray  # (3, 7): time, range, azimuth, elevation, variances of the plots of the start
-
-
-FILTERED, MIXED, PREDICTED, PADDED = range(4)
+# Rows of the scratch: of `weight` (4, models); of `v` (8 + 2 models, 3) and of `m` (2 + 3 models, 9), where those of one
+# model after another follow; `x` (4 models, 9) and `p` (4 models, 81) hold filtered, mixed, predicted, padded densities.
 MU, CBAR, MIX, LOG_L = range(4)
-AT, NU = range(2)
-H, R, S = range(3)
+PLOT, VARIANCE, KNOWN, MEAN_AT, MEAN_NU, AXES, MODELS_V = 0, 1, 2, 3, 4, 5, 8
+MEAN_S, INVERSE, MODELS_M = 0, 1, 2
 
 # Columns of what is written for each plot; the models' probabilities and details follow.
 STATE, COVARIANCE, PREDICTED_STATE, PREDICTED_COVARIANCE, AT_COLUMN, INNOVATION = 0, 6, 42, 48, 84, 87
 INNOVATION_COVARIANCE, NIS, DOF, LIKELIHOOD_COLUMN, GAINS, PROBABILITY = 90, 99, 100, 101, 102, 108
 
 
-@compiled
-def workspace(models: int) -> Work:
-    """Fresh scratch for a number of models."""
-    m = models
-    return Work(
-        np.zeros((4, m, 9)), np.zeros((4, m, 9, 9)), np.zeros((m, 6)), np.zeros((m, m)), np.zeros((4, m)),
-        np.zeros((2, m, 3)), np.zeros((3, m, 3, 3)), np.zeros((m, 9, 3)), np.zeros((5, 3)), np.zeros((3, 3)),
-        np.zeros((24, 9)), np.zeros((2, 3)), np.zeros((3, 7)),
-    )  # fmt: skip
+def scratch(models: int) -> tuple[FloatArray, ...]:
+    """Room for the kernel to work in: it owns no array itself, which halves its compilation."""
+    k = models
+    shapes = ((4, k), (4 * k, 9), (4 * k, 81), (8 + 2 * k, 3), (2 + 3 * k, 9), (162,), (k, 6), (k, 27), (3, 7))
+    return tuple(np.zeros(shape) for shape in shapes)
 
 
-@compiled
+@compiled_ieee
 def run_tracks(
-    setup: Setup,
+    motions: IntArray,
+    table: FloatArray,
+    pi: FloatArray,
+    limits: FloatArray,
+    o: Scalars,
     level: int,
     offsets: IntArray,
     rows: FloatArray,
     planar: BoolArray,
     total: FloatArray,
-    table: FloatArray,
+    out: FloatArray,
     flags: IntArray,
+    weight: FloatArray,
+    x: FloatArray,
+    p: FloatArray,
+    v: FloatArray,
+    m: FloatArray,
+    f: FloatArray,
+    noise: FloatArray,
+    shrink: FloatArray,
+    starts: FloatArray,
 ) -> None:
     """Run every track, rows offsets[i] to offsets[i + 1], through the filter.
 
-    `rows` (n, 7): time, range, azimuth, elevation and their sigmas. Writes the log-likelihood of each track into `total`
-    and, above level LIKELIHOOD, each plot's row of `table` (its columns above) and `flags`.
+    The first five are a `Setup`, the last nine `scratch`. `rows` (n, 7): time, range, azimuth, elevation and their sigmas.
+    Writes the log-likelihood of each track into `total` and, above level LIKELIHOOD, each plot's row of `out` (columns
+    above) and of `flags`.
     """
-    models = setup.motions.size
-    w = workspace(models)
+    models = motions.size
     for track in range(offsets.size - 1):
         collected = 0  # plots of the start so far
         gated = 0  # gated plots in a row
         last = math.nan  # time of the state
         used = math.nan  # time of the newest used plot
-        step = math.nan  # interval that pi and q are for
+        step = math.nan  # interval that pi and the process noise are for
         log_likelihood = 0.0
         for k in range(offsets[track], offsets[track + 1]):
             t = rows[k, 0]
-            z = rows[k, 1:4]
-            known = _read(setup, w, rows[k])
-            startable = known >= 2 and w.plot[1, 0] > 0.0 and w.plot[1, 1] > 0.0 and z[0] > 0.0
-            startable = startable and (planar[track] or w.plot[1, 2] > 0.0)
+            known = 0
+            for i in range(3):
+                v[PLOT, i] = rows[k, 1 + i]
+                sigma = limits[SCALE, i] * rows[k, 4 + i]
+                v[VARIANCE, i] = sigma * sigma
+                measured = math.isfinite(rows[k, 1 + i])
+                v[KNOWN, i] = 1.0 if measured else 0.0
+                known += 1 if measured else 0
+            startable = (
+                v[KNOWN, 0] > 0.0 and v[KNOWN, 1] > 0.0 and (planar[track] or v[KNOWN, 2] > 0.0) and v[PLOT, 0] > 0.0
+            )
             flag = 0
             if known == 0:
                 flag = MISSED
             elif known < 3 and not planar[track]:
                 flag = PARTIAL
-            if collected > 0 and startable and t - used > setup.restart_gap:
+            if collected > 0 and startable and t - used > o.restart_gap:
                 flag |= RESTARTED
                 collected = 0
-            begins = startable and collected < setup.start_plots and (collected == 0 or t > used)
+            begins = startable and collected < o.start_plots and (collected == 0 or t > used)
             runs = collected > 0 and not begins
             if not math.isfinite(t) or (collected > 0 and t < last):
                 flag |= DISORDERED
@@ -154,339 +159,330 @@ def run_tracks(
             if runs:
                 if t - last != step:
                     step = t - last
-                    _noise(setup, w, step)
+                    _set_step(motions, table, pi, o, step, noise, f)
                 last = t
-                found, nis, value, known = _cycle(setup, w, z, known, step, level)
+                found, nis, value, known = _cycle(
+                    motions, table, pi, limits, o, known, step, level, weight, x, p, v, m, f, noise, shrink
+                )
                 flag |= found
                 if found & (GATED | BROKEN):
                     gated += 1
                 elif known > 0:
                     gated, used = 0, t
-                if found & BROKEN or (gated > 0 and gated == setup.restart_after):
+                if found & BROKEN or (gated > 0 and gated == o.restart_after):
                     collected = 0
                     begins = startable
                     flag |= RESTARTED
-                    runs = False
                 else:
                     log_likelihood += value
                     if level > LIKELIHOOD:
-                        _write_update(models, w, z, known, found, nis, value, step, level, table[k])
+                        _write_update(models, known, found, nis, value, step, level, weight, x, p, v, m, shrink, out, k)
             if begins:
-                _begin(setup, w, collected, t, z, planar[track])
+                starts[collected, 0] = t
+                for i in range(3):
+                    missing = planar[track] and i == 2
+                    starts[collected, 1 + i] = 0.0 if missing else v[PLOT, i]
+                    starts[collected, 4 + i] = 0.0 if missing else v[VARIANCE, i]
                 collected += 1
+                _begin(motions, table, o, collected, starts, planar[track], weight, x, p, v, m, f)
                 flag |= STARTING
                 gated, last, used = 0, t, t
             if level > LIKELIHOOD:
                 flags[k] = flag if collected > 0 else flag | MISSED
                 if collected > 0:
-                    _write_state(models, w, level, table[k])
+                    _write_state(models, level, weight, x, p, out, k)
         total[track] = log_likelihood
 
 
-@compiled
-def _read(setup: Setup, w: Work, row: FloatArray) -> int:
-    """Variances of a plot and what was measured of it; gives how many components."""
-    known = 0
-    for i in range(3):
-        sigma = setup.limits[SCALE, i] * row[4 + i]
-        w.plot[0, i] = sigma * sigma
-        w.plot[1, i] = 1.0 if math.isfinite(row[1 + i]) else 0.0
-        known += 1 if w.plot[1, i] > 0.0 else 0
-    return known
+@compiled_ieee
+def _begin(
+    motions: IntArray, table: FloatArray, o: Scalars, count: int, starts: FloatArray, planar: bool,
+    weight: FloatArray, x: FloatArray, p: FloatArray, v: FloatArray, m: FloatArray, f: FloatArray,
+) -> None:  # fmt: skip
+    """Start every model from the plots collected so far."""
+    # without elevation the height is decoupled, and as wide as the speed allows in a reference interval
+    height_sigma = o.speed * o.reference if planar else 0.0
+    for j in range(motions.size):
+        weight[MU, j] = table[j, START]
+        start(count, starts, height_sigma, o.quadratic, o.speed, o.acceleration, x, p, j, v, AXES, m, MODELS_M, f)
+        if motions[j] >= CT:
+            if o.turn_three_point and count == 3 and not planar:
+                turn_from_acceleration(x, p, j, table[j, PRIOR], f)
+            else:
+                pad(RESET, table[j, PRIOR], x, p, j, j, f)
 
 
-@compiled
-def _begin(setup: Setup, w: Work, collected: int, t: float, z: FloatArray, planar: bool) -> None:
-    """Start every model from the plots collected so far and this one."""
-    row = w.starts[collected]
-    row[0], row[1], row[2], row[3] = t, z[0], z[1], 0.0 if planar else z[2]
-    row[4], row[5], row[6] = w.plot[0, 0], w.plot[0, 1], 0.0 if planar else w.plot[0, 2]
-    count = collected + 1
-    positions, covariances = np.empty((3, 3)), np.empty((3, 3, 3))
-    for n in range(count):
-        row = w.starts[n]
-        convert(row[1], row[2], row[3], positions[n])
-        conventional_covariance(row[1], row[2], row[3], row[4], row[5], row[6], covariances[n])
-        if planar:  # the height is not known: decoupled, and as wide as the speed allows in a reference interval
-            covariances[n, 2, 2] = (setup.speed * setup.reference) ** 2
-    x, p = np.empty(9), np.empty((9, 9))
-    start(count, w.starts[:, 0], positions, covariances, setup.quadratic, setup.speed, setup.acceleration, x, p)
-    turning_x, turning_p = np.zeros(9), np.zeros((9, 9))
-    if setup.turn_three_point and count == 3 and not planar:
-        turn_from_acceleration(x, p, turning_x, turning_p)
-    else:
-        turning_x[:6] = x[:6]
-        turning_p[:6, :6] = p[:6, :6]
-    for j in range(setup.motions.size):
-        w.weight[MU, j] = setup.table[j, START]
-        turns = setup.motions[j] >= CT
-        for a in range(9):
-            w.x[FILTERED, j, a] = turning_x[a] if turns else x[a]
-            for b in range(9):
-                w.p[FILTERED, j, a, b] = turning_p[a, b] if turns else p[a, b]
-            if turns and a >= 6 and turning_p[a, a] == 0.0:
-                w.p[FILTERED, j, a, a] = setup.table[j, PRIOR] ** 2
-
-
-@compiled
-def _noise(setup: Setup, w: Work, dt: float) -> None:
+@compiled_ieee
+def _set_step(
+    motions: IntArray, table: FloatArray, pi: FloatArray, o: Scalars, dt: float, noise: FloatArray, f: FloatArray
+) -> None:
     """Process noise of every model and the transition probabilities over `dt`."""
-    models = setup.motions.size
+    models = motions.size
     for j in range(models):
-        process_noise(
-            setup.motions[j], setup.table[j, SIGMA], setup.table[j, SIGMA_TURN], dt, setup.reference, setup.continuous,
-            w.q[j],
-        )  # fmt: skip
-    if models == 1 or abs(dt - setup.reference) <= 1e-9 * setup.reference:
+        process_noise(motions[j], table[j, SIGMA], table[j, SIGMA_TURN], dt, o.reference, o.continuous, noise, j)
+    if models == 1 or abs(dt - o.reference) <= 1e-9 * o.reference:
         for i in range(models):
             for j in range(models):
-                w.pi[i, j] = setup.pi[0, i, j]
+                pi[2 * models + i, j] = pi[i, j]
     else:
-        exponential(setup.pi[1], dt, w.pi)
+        exponential(pi, dt, f)
 
 
-@compiled
-def exponential(generator: FloatArray, dt: float, pi: FloatArray) -> None:
-    """exp(generator dt) into `pi`: transition probabilities over dt, by scaling, Taylor series and squaring."""
-    m = generator.shape[0]
+@compiled_ieee
+def exponential(pi: FloatArray, dt: float, f: FloatArray) -> None:
+    """exp(generator dt) into the third m rows of `pi` (3 m, m), whose second m rows are the generator.
+
+    Scaling, Taylor series and squaring; at most three models. `f` is scratch.
+    """
+    m = pi.shape[1]
     size = 0.0
     for i in range(m):
-        size = max(size, abs(generator[i, i]) * dt)
+        size = max(size, abs(pi[m + i, i]) * dt)
     halvings = 0
     while size > 0.25 and halvings < 60:
         size *= 0.5
         halvings += 1
-    scaled = generator * (dt / 2.0**halvings)
-    term = np.eye(m)
-    total = np.eye(m)
-    for n in range(1, 14):
-        product = np.zeros((m, m))
+    scale = dt * 0.5**halvings
+    term, power, product = 0, 9, 18  # matrices in f
+    for i in range(m):
+        for j in range(m):
+            f[term + 3 * i + j] = 1.0 if i == j else 0.0
+            f[power + 3 * i + j] = f[term + 3 * i + j]
+    for n in range(1, 14 + halvings):
         for i in range(m):
             for j in range(m):
+                total = 0.0
                 for a in range(m):
-                    product[i, j] += term[i, a] * scaled[a, j] / n
-        term = product
-        total = total + term
-    for _ in range(halvings):
-        product = np.zeros((m, m))
+                    if n < 14:
+                        total += f[term + 3 * i + a] * pi[m + a, j] * scale / n
+                    else:
+                        total += f[power + 3 * i + a] * f[power + 3 * a + j]
+                f[product + 3 * i + j] = total
         for i in range(m):
             for j in range(m):
-                for a in range(m):
-                    product[i, j] += total[i, a] * total[a, j]
-        total = product
+                f[term + 3 * i + j] = f[product + 3 * i + j]
+                f[power + 3 * i + j] = f[product + 3 * i + j] + (f[power + 3 * i + j] if n < 14 else 0.0)
     for i in range(m):
         row = 0.0
         for j in range(m):
-            total[i, j] = max(total[i, j], 0.0)
-            row += total[i, j]
+            row += max(f[power + 3 * i + j], 0.0)
         for j in range(m):
-            pi[i, j] = total[i, j] / row
+            pi[2 * m + i, j] = max(f[power + 3 * i + j], 0.0) / row
 
 
-@compiled
-def _cycle(setup: Setup, w: Work, z: FloatArray, known: int, dt: float, level: int) -> tuple[int, float, float, int]:
+@compiled_ieee
+def _cycle(
+    motions: IntArray, table: FloatArray, pi: FloatArray, limits: FloatArray, o: Scalars, known: int, dt: float, level: int,
+    weight: FloatArray, x: FloatArray, p: FloatArray, v: FloatArray, m: FloatArray, f: FloatArray,
+    noise: FloatArray, shrink: FloatArray,
+) -> tuple[int, float, float, int]:  # fmt: skip
     """Mix, predict, gate and update: flags, NIS, log-likelihood and how many components were used."""
-    models = setup.motions.size
+    models = motions.size
     flag = 0
-    if not _predict(setup, w, dt):
-        flag = OVERHEAD
-        for i in range(1, 3):
-            if w.plot[1, i] > 0.0:
-                w.plot[1, i] = 0.0
-                known -= 1
-    for j in range(models):
-        polar_innovation(z, w.plot, w.vector[AT, j], w.matrix[H, j], w.vector[NU, j], w.matrix[R, j])
-        innovation_covariance(w.p[PREDICTED, j], w.matrix[H, j], w.matrix[R, j], w.matrix[S, j])
-    nis = math.nan
-    if level > LIKELIHOOD or setup.limits[GATE, 0] < math.inf:
-        _mixture(models, w)
-        if known > 0:
-            if math.isnan(cholesky_inverse(w.mean[2:], w.inverse)):
-                return flag | BROKEN, nis, 0.0, 0
-            nis = quadratic(w.inverse, w.mean[1])
-            if nis > setup.limits[GATE, known - 1]:
-                flag |= GATED
-            elif nis > setup.limits[LIMIT, known - 1]:
-                flag |= ABSURD
-    value = 0.0
-    if known > 0 and not flag & GATED:
-        value = _update(setup, w, z, known)
-    else:
-        for j in range(models):
-            w.weight[MU, j] = w.weight[CBAR, j]
-            for a in range(9):
-                w.x[FILTERED, j, a] = w.x[PREDICTED, j, a]
-                for b in range(9):
-                    w.p[FILTERED, j, a, b] = w.p[PREDICTED, j, a, b]
-    sound = math.isfinite(value)
-    for j in range(models):
-        if setup.table[j, PARALLEL] > 0.0:
-            forbid_parallel_turn(setup.table[j, PARALLEL], w.x[FILTERED, j], w.p[FILTERED, j], w.scratch)
-        for a in range(6):
-            variance = w.p[FILTERED, j, a, a]
-            sound = sound and math.isfinite(w.x[FILTERED, j, a]) and variance > 0.0 and variance < math.inf
-    return flag if sound else flag | BROKEN, nis, value, known
-
-
-@compiled
-def _predict(setup: Setup, w: Work, dt: float) -> bool:
-    """Mix and predict every model, and its measurement; False where azimuth or elevation cannot be used."""
-    models = setup.motions.size
-    usable = True
     for j in range(models):
         total = 0.0
         for i in range(models):
-            w.weight[MIX, i] = w.pi[i, j] * w.weight[MU, i]
-            total += w.weight[MIX, i]
-        w.weight[CBAR, j] = total
+            weight[MIX, i] = pi[2 * models + i, j] * weight[MU, i]
+            total += weight[MIX, i]
+        weight[CBAR, j] = total
         for i in range(models):
-            w.weight[MIX, i] = w.weight[MIX, i] / total if total > 0.0 else (1.0 if i == j else 0.0)
-        mix(j, setup.motions, setup.padding, setup.table[j, PRIOR], w.weight[MIX], w.x, w.p, w.scratch)
-        decay = math.exp(-dt * setup.table[j, DECAY]) if setup.table[j, DECAY] > 0.0 else 1.0
-        predict(
-            setup.motions[j], dt, decay, w.q[j], w.x[MIXED, j], w.p[MIXED, j], w.x[PREDICTED, j], w.p[PREDICTED, j],
-            w.scratch,
-        )  # fmt: skip
-        if not measure(w.x[PREDICTED, j], w.vector[AT, j], w.matrix[H, j]):
-            usable = False
-    return usable
-
-
-@compiled
-def _mixture(models: int, w: Work) -> None:
-    """Predicted measurement, innovation and its covariance of the mixture of models, weighted by cbar."""
-    for i in range(5):
-        for k in range(3):
-            w.mean[i, k] = 0.0
-    for what in range(2):  # AT, NU: azimuths relative to the first model's, so that north is nowhere special
-        for j in range(models):
-            for i in range(3):
-                difference = w.vector[what, j, i] - w.vector[what, 0, i]
-                w.mean[what, i] += w.weight[CBAR, j] * (wrap(difference) if i == 1 else difference)
-        for i in range(3):
-            w.mean[what, i] += w.vector[what, 0, i]
-        w.mean[what, 1] = wrap(w.mean[what, 1])
+            weight[MIX, i] = weight[MIX, i] / total if total > 0.0 else (1.0 if i == j else 0.0)
+        mix(j, motions, o.padding, table[j, PRIOR], weight, x, p, f)
+        decay = math.exp(-dt * table[j, DECAY]) if table[j, DECAY] > 0.0 else 1.0
+        predict(motions[j], dt, decay, noise, j, x, p, models + j, 2 * models + j, f)
+        if not measure(x, 2 * models + j, v, MODELS_V + j, m, MODELS_M + j):
+            flag = OVERHEAD
+    if flag == OVERHEAD:
+        for i in range(1, 3):
+            known -= 1 if v[KNOWN, i] > 0.0 else 0
+            v[KNOWN, i] = 0.0
     for j in range(models):
-        d0 = w.vector[NU, j, 0] - w.mean[1, 0]
-        d1 = wrap(w.vector[NU, j, 1] - w.mean[1, 1])
-        d2 = w.vector[NU, j, 2] - w.mean[1, 2]
+        at, nu, h, r, s = (
+            MODELS_V + j,
+            MODELS_V + models + j,
+            MODELS_M + j,
+            MODELS_M + models + j,
+            MODELS_M + 2 * models + j,
+        )
+        polar_innovation(v, PLOT, VARIANCE, KNOWN, at, nu, m, h, r)
+        innovation_covariance(p, 2 * models + j, m, h, r, s)
+    nis = math.nan
+    if level > LIKELIHOOD or limits[GATE, 0] < math.inf:
+        _mixture(models, weight, v, m)
+        if known > 0:
+            if math.isnan(cholesky_inverse(m, MEAN_S, INVERSE)):
+                return flag | BROKEN, nis, 0.0, 0
+            nis = quadratic(m, INVERSE, v, MEAN_NU)
+            if nis > limits[GATE, known - 1]:
+                flag |= GATED
+            elif nis > limits[LIMIT, known - 1]:
+                flag |= ABSURD
+    value = 0.0
+    if known > 0 and not flag & GATED:
+        value = _update(motions, o, known, weight, x, p, v, m, shrink, f)
+    else:
+        for j in range(models):
+            weight[MU, j] = weight[CBAR, j]
+            for a in range(9):
+                x[j, a] = x[2 * models + j, a]
+            for c in range(81):
+                p[j, c] = p[2 * models + j, c]
+    sound = math.isfinite(value)
+    for j in range(models):
+        if table[j, PARALLEL] > 0.0:
+            forbid_parallel_turn(table[j, PARALLEL], x, p, j, f)
+        for a in range(6):
+            sound = sound and math.isfinite(x[j, a]) and p[j, 10 * a] > 0.0 and p[j, 10 * a] < math.inf
+    return flag if sound else flag | BROKEN, nis, value, known
+
+
+@compiled_ieee
+def _mixture(models: int, weight: FloatArray, v: FloatArray, m: FloatArray) -> None:
+    """Predicted measurement, innovation and its covariance of the mixture of models, weighted by cbar."""
+    for what in range(2):  # azimuths relative to the first model's, so that the cut at -pi is nowhere special
+        first, mean = MODELS_V + what * models, MEAN_AT + what
+        for i in range(3):
+            v[mean, i] = v[first, i]
+            for j in range(1, models):
+                difference = v[first + j, i] - v[first, i]
+                v[mean, i] += weight[CBAR, j] * (wrap(difference) if i == 1 else difference)
+        v[mean, 1] = wrap(v[mean, 1])
+    for c in range(9):
+        m[MEAN_S, c] = 0.0
+    for j in range(models):
+        nu, s, w = MODELS_V + models + j, MODELS_M + 2 * models + j, weight[CBAR, j]
+        d0 = v[nu, 0] - v[MEAN_NU, 0]
+        d1 = wrap(v[nu, 1] - v[MEAN_NU, 1])
+        d2 = v[nu, 2] - v[MEAN_NU, 2]
         d = (d0, d1, d2)
         for i in range(3):
             for k in range(3):
-                w.mean[2 + i, k] += w.weight[CBAR, j] * (w.matrix[S, j, i, k] + d[i] * d[k])
+                m[MEAN_S, 3 * i + k] += w * (m[s, 3 * i + k] + d[i] * d[k])
 
 
-@compiled
-def _update(setup: Setup, w: Work, z: FloatArray, known: int) -> float:
+@compiled_ieee
+def _update(
+    motions: IntArray, o: Scalars, known: int, weight: FloatArray, x: FloatArray, p: FloatArray, v: FloatArray,
+    m: FloatArray, shrink: FloatArray, f: FloatArray,
+) -> float:  # fmt: skip
     """Update every model and the probabilities; gives the log-likelihood of the plot, NaN when an update fails."""
-    models = setup.motions.size
+    models = motions.size
     top = -math.inf
     for j in range(models):
-        h, r, s, nu = w.matrix[H, j], w.matrix[R, j], w.matrix[S, j], w.vector[NU, j]
-        if setup.update != EKF and known == 3:
-            cartesian_innovation(setup.update, z, w.plot[0], w.vector[AT, j], w.x[PREDICTED, j], nu, r)
-            for i in range(3):
-                for k in range(3):
-                    h[i, k] = 1.0 if i == k else 0.0
-            innovation_covariance(w.p[PREDICTED, j], h, r, s)
-        log_det = cholesky_inverse(s, w.inverse)
+        row, at, nu = 2 * models + j, MODELS_V + j, MODELS_V + models + j
+        h, r, s = MODELS_M + j, MODELS_M + models + j, MODELS_M + 2 * models + j
+        if o.update != EKF and known == 3:
+            cartesian_innovation(o.update, v, PLOT, VARIANCE, at, nu, x, row, m, r)
+            for c in range(9):
+                m[h, c] = 1.0 if c % 4 == 0 else 0.0
+            innovation_covariance(p, row, m, h, r, s)
+        log_det = cholesky_inverse(m, s, INVERSE)
         if math.isnan(log_det):
             return math.nan
-        w.weight[LOG_L, j] = -0.5 * (quadratic(w.inverse, nu) + log_det + known * LOG_2PI)
-        joseph(
-            states_of(setup.motions[j]), h, r, w.inverse, nu, w.x[PREDICTED, j], w.p[PREDICTED, j], w.x[FILTERED, j],
-            w.p[FILTERED, j], w.shrink[j], w.scratch,
-        )  # fmt: skip
-        if w.weight[CBAR, j] > 0.0:
-            top = max(top, w.weight[LOG_L, j])
+        weight[LOG_L, j] = -0.5 * (quadratic(m, INVERSE, v, nu) + log_det + known * LOG_2PI)
+        correct(states_of(motions[j]), m, h, r, INVERSE, v, nu, x, p, row, j, shrink, j, f)
+        if weight[CBAR, j] > 0.0:
+            top = max(top, weight[LOG_L, j])
     total = 0.0
     for j in range(models):
-        c = w.weight[CBAR, j]
-        w.weight[MU, j] = c * math.exp(w.weight[LOG_L, j] - top) if c > 0.0 else 0.0
-        total += w.weight[MU, j]
+        c = weight[CBAR, j]
+        weight[MU, j] = c * math.exp(weight[LOG_L, j] - top) if c > 0.0 else 0.0
+        total += weight[MU, j]
     for j in range(models):
-        w.weight[MU, j] /= total
+        weight[MU, j] /= total
     return top + math.log(total)
 
 
-@compiled
-def _merge(models: int, weights: FloatArray, x: FloatArray, p: FloatArray, row: FloatArray) -> None:
-    """Mean (6) and covariance (36) of position and velocity over the models, into 42 numbers of `row`."""
-    for a in range(42):
-        row[a] = 0.0
+@compiled_ieee
+def _merge(
+    models: int,
+    weight: FloatArray,
+    which: int,
+    x: FloatArray,
+    p: FloatArray,
+    row: int,
+    out: FloatArray,
+    k: int,
+    to: int,
+) -> None:
+    """Mean (6) and covariance (36) of position and velocity over the models in `row` on, into columns of `out`."""
+    for c in range(to, to + 42):
+        out[k, c] = 0.0
     for j in range(models):
         for a in range(6):
-            row[a] += weights[j] * x[j, a]
+            out[k, to + a] += weight[which, j] * x[row + j, a]
     for j in range(models):
         for a in range(6):
-            d = x[j, a] - row[a]
+            d = x[row + j, a] - out[k, to + a]
             for b in range(6):
-                row[6 + 6 * a + b] += weights[j] * (p[j, a, b] + d * (x[j, b] - row[b]))
+                out[k, to + 6 + 6 * a + b] += weight[which, j] * (
+                    p[row + j, 9 * a + b] + d * (x[row + j, b] - out[k, to + b])
+                )
 
 
-@compiled
-def _write_state(models: int, w: Work, level: int, row: FloatArray) -> None:
+@compiled_ieee
+def _write_state(
+    models: int, level: int, weight: FloatArray, x: FloatArray, p: FloatArray, out: FloatArray, k: int
+) -> None:
     """The state of a row, the models' probabilities and, for smoothing, their densities."""
-    _merge(models, w.weight[MU], w.x[FILTERED], w.p[FILTERED], row[STATE:])
+    _merge(models, weight, MU, x, p, 0, out, k, STATE)
     for j in range(models):
-        row[PROBABILITY + j] = w.weight[MU, j]
+        out[k, PROBABILITY + j] = weight[MU, j]
     if level == DETAIL:
-        _write_models(models, w.x[FILTERED], w.p[FILTERED], row[PROBABILITY + 2 * models :])
+        _write_models(models, x, p, 0, out, k, PROBABILITY + 2 * models)
 
 
-@compiled
-def _write_models(models: int, x: FloatArray, p: FloatArray, row: FloatArray) -> None:
-    column = 0
+@compiled_ieee
+def _write_models(models: int, x: FloatArray, p: FloatArray, row: int, out: FloatArray, k: int, to: int) -> None:
+    """The models' densities, 90 columns each."""
     for j in range(models):
         for a in range(9):
-            row[column + a] = x[j, a]
-            for b in range(9):
-                row[column + 9 + 9 * a + b] = p[j, a, b]
-        column += 90
+            out[k, to + 90 * j + a] = x[row + j, a]
+        for c in range(81):
+            out[k, to + 90 * j + 9 + c] = p[row + j, c]
 
 
-@compiled
+@compiled_ieee
 def _write_update(
-    models: int, w: Work, z: FloatArray, known: int, flag: int, nis: float, value: float, dt: float, level: int,
-    row: FloatArray,
+    models: int, known: int, flag: int, nis: float, value: float, dt: float, level: int, weight: FloatArray,
+    x: FloatArray, p: FloatArray, v: FloatArray, m: FloatArray, shrink: FloatArray, out: FloatArray, k: int,
 ) -> None:  # fmt: skip
     """What a row with a prediction has beside its state."""
-    _merge(models, w.weight[CBAR], w.x[PREDICTED], w.p[PREDICTED], row[PREDICTED_STATE:])
+    _merge(models, weight, CBAR, x, p, 2 * models, out, k, PREDICTED_STATE)
     for i in range(3):
-        row[AT_COLUMN + i] = w.mean[0, i]
-        if math.isfinite(z[i]):
-            difference = z[i] - w.mean[0, i]
-            row[INNOVATION + i] = wrap(difference) if i == 1 else difference
-        for k in range(3):
-            if w.plot[1, i] > 0.0 and w.plot[1, k] > 0.0:
-                row[INNOVATION_COVARIANCE + 3 * i + k] = w.mean[2 + i, k]
-    row[NIS] = nis
+        out[k, AT_COLUMN + i] = v[MEAN_AT, i]
+        if math.isfinite(v[PLOT, i]):
+            difference = v[PLOT, i] - v[MEAN_AT, i]
+            out[k, INNOVATION + i] = wrap(difference) if i == 1 else difference
+        for c in range(3):
+            if v[KNOWN, i] > 0.0 and v[KNOWN, c] > 0.0:
+                out[k, INNOVATION_COVARIANCE + 3 * i + c] = m[MEAN_S, 3 * i + c]
+    out[k, NIS] = nis
     used = known > 0 and not flag & GATED
-    row[DOF] = known if used else 0
-    row[LIKELIHOOD_COLUMN] = value
-    for a in range(6):
-        row[GAINS + a] = 0.0
+    out[k, DOF] = known if used else 0
+    out[k, LIKELIHOOD_COLUMN] = value
     if used:
-        _write_gains(models, w, dt, row[GAINS:])
+        _write_gains(models, dt, weight, v, shrink, out, k)
     if level == DETAIL:
         for j in range(models):
-            row[PROBABILITY + models + j] = w.weight[CBAR, j]
-        _write_models(models, w.x[PREDICTED], w.p[PREDICTED], row[PROBABILITY + 92 * models :])
+            out[k, PROBABILITY + models + j] = weight[CBAR, j]
+        _write_models(models, x, p, 2 * models, out, k, PROBABILITY + 92 * models)
 
 
-@compiled
-def _write_gains(models: int, w: Work, dt: float, row: FloatArray) -> None:
+@compiled_ieee
+def _write_gains(
+    models: int, dt: float, weight: FloatArray, v: FloatArray, shrink: FloatArray, out: FloatArray, k: int
+) -> None:
     """Weight of a residual along the line of sight, up and across, in position and (times dt) in velocity."""
-    az, el = w.mean[0, 1], w.mean[0, 2]
+    az, el = v[MEAN_AT, 1], v[MEAN_AT, 2]
     ca, sa, ce, se = math.cos(az), math.sin(az), math.cos(el), math.sin(el)
-    axes = w.scratch
-    axes[0, 0], axes[0, 1], axes[0, 2] = ce * ca, ce * sa, se
-    axes[1, 0], axes[1, 1], axes[1, 2] = -se * ca, -se * sa, ce
-    axes[2, 0], axes[2, 1], axes[2, 2] = -sa, ca, 0.0
+    v[AXES, 0], v[AXES, 1], v[AXES, 2] = ce * ca, ce * sa, se
+    v[AXES + 1, 0], v[AXES + 1, 1], v[AXES + 1, 2] = -se * ca, -se * sa, ce
+    v[AXES + 2, 0], v[AXES + 2, 1], v[AXES + 2, 2] = -sa, ca, 0.0
     for i in range(3):
         for j in range(models):
             for a in range(3):
                 for b in range(3):
-                    part = w.weight[MU, j] * axes[i, a] * axes[i, b]
-                    row[2 * i] += part * w.shrink[j, a, b]
-                    row[2 * i + 1] += part * w.shrink[j, 3 + a, b] * dt
+                    part = weight[MU, j] * v[AXES + i, a] * v[AXES + i, b]
+                    out[k, GAINS + 2 * i] += part * shrink[j, 3 * a + b]
+                    out[k, GAINS + 2 * i + 1] += part * shrink[j, 9 + 3 * a + b] * dt

@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rangeeval.compiled import compiled
+from rangeeval.compiled import compiled_ieee
 
 FloatArray = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ UPDATES = {"ekf": EKF, "converted": CONVERTED, "unbiased": UNBIASED, "decorrelat
 NEAR_ZENITH = 1e-6  # horizontal distance over range below which azimuth has no meaning
 
 
-@compiled
+@compiled_ieee
 def wrap(angle: float) -> float:
     """The same angle in [-pi, pi)."""
     if -math.pi <= angle < math.pi:
@@ -32,79 +32,77 @@ def wrap(angle: float) -> float:
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
-@compiled
-def measure(position: FloatArray, h: FloatArray, jacobian: FloatArray) -> bool:
-    """Range, azimuth, elevation of a position into `h` (3), their Jacobian into (3, 3).
+@compiled_ieee
+def measure(x: FloatArray, row: int, v: FloatArray, at: int, m: FloatArray, h: int) -> bool:
+    """Range, azimuth, elevation of the position in `row` of `x` into row `at` of `v` (n, 3), Jacobian into `h` of `m` (n, 9).
 
     False when azimuth and elevation have no derivative (at the zenith, or at the radar): their rows are then zero.
     """
-    x, y, z = position[0], position[1], position[2]
-    flat2 = x * x + y * y
+    px, py, pz = x[row, 0], x[row, 1], x[row, 2]
+    flat2 = px * px + py * py
     flat = math.sqrt(flat2)
-    r = math.sqrt(flat2 + z * z)
-    h[0] = r
-    h[1] = math.atan2(y, x)
-    h[2] = math.atan2(z, flat)
-    for i in range(3):
-        for k in range(3):
-            jacobian[i, k] = 0.0
-    if r <= 0.0:
+    r = math.sqrt(flat2 + pz * pz)
+    v[at, 0] = r
+    v[at, 1] = math.atan2(py, px)
+    v[at, 2] = math.atan2(pz, flat)
+    if not flat > NEAR_ZENITH * r:
+        for k in range(9):
+            m[h, k] = 0.0
+        if r > 0.0:
+            m[h, 2] = pz / r
         return False
-    jacobian[0, 0] = x / r
-    jacobian[0, 1] = y / r
-    jacobian[0, 2] = z / r
-    if flat <= NEAR_ZENITH * r:
-        return False
-    jacobian[1, 0] = -y / flat2
-    jacobian[1, 1] = x / flat2
-    across = z / (r * r * flat)
-    jacobian[2, 0] = -x * across
-    jacobian[2, 1] = -y * across
-    jacobian[2, 2] = flat / (r * r)
+    one = 1.0 / r
+    across = pz * one * one / flat
+    m[h, 0], m[h, 1], m[h, 2] = px * one, py * one, pz * one
+    m[h, 3], m[h, 4], m[h, 5] = -py / flat2, px / flat2, 0.0
+    m[h, 6], m[h, 7], m[h, 8] = -px * across, -py * across, flat * one * one
     return True
 
 
-@compiled
-def convert(r: float, az: float, el: float, y: FloatArray) -> None:
-    """Position of range, azimuth, elevation into `y` (3)."""
+@compiled_ieee
+def convert(r: float, az: float, el: float, v: FloatArray, row: int) -> None:
+    """Position of range, azimuth, elevation into `row` of `v` (n, 3)."""
     flat = r * math.cos(el)
-    y[0] = flat * math.cos(az)
-    y[1] = flat * math.sin(az)
-    y[2] = r * math.sin(el)
+    v[row, 0] = flat * math.cos(az)
+    v[row, 1] = flat * math.sin(az)
+    v[row, 2] = r * math.sin(el)
 
 
-@compiled
-def conventional_covariance(r: float, az: float, el: float, vr: float, va: float, ve: float, c: FloatArray) -> None:
-    """Covariance J R J' of a converted measurement with variances vr, va, ve, into `c` (3, 3)."""
+@compiled_ieee
+def conventional_covariance(
+    r: float, az: float, el: float, vr: float, va: float, ve: float, c: FloatArray, row: int
+) -> None:
+    """Covariance J R J' of a converted measurement with variances vr, va, ve, into `row` of `c` (n, 9)."""
     ca, sa, ce, se = math.cos(az), math.sin(az), math.cos(el), math.sin(el)
     d0 = (ca * ce, sa * ce, se)
     d1 = (-r * sa * ce, r * ca * ce, 0.0)
     d2 = (-r * ca * se, -r * sa * se, r * ce)
     for i in range(3):
         for k in range(3):
-            c[i, k] = d0[i] * d0[k] * vr + d1[i] * d1[k] * va + d2[i] * d2[k] * ve
+            c[row, 3 * i + k] = d0[i] * d0[k] * vr + d1[i] * d1[k] * va + d2[i] * d2[k] * ve
 
 
-@compiled
-def unbiased_covariance(r: float, az: float, el: float, vr: float, va: float, ve: float, c: FloatArray) -> None:
-    """Covariance of an unbiased converted measurement of a target at (r, az, el), into `c` (3, 3)."""
+@compiled_ieee
+def unbiased_covariance(
+    r: float, az: float, el: float, vr: float, va: float, ve: float, c: FloatArray, row: int
+) -> None:
+    """Covariance of an unbiased converted measurement of a target at (r, az, el), into `row` of `c` (n, 9)."""
     la2, le2 = math.exp(-va), math.exp(-ve)
     ca, sa, ce, se = math.cos(az), math.sin(az), math.cos(el), math.sin(el)
     # mean squares of the cosines and sines of the noisy angles
     a2, e2 = math.exp(-2.0 * va), math.exp(-2.0 * ve)
-    caca, sasa, casa = 0.5 * (1 + a2 * math.cos(2 * az)), 0.5 * (1 - a2 * math.cos(2 * az)), 0.5 * a2 * math.sin(2 * az)
-    cece, sese, cese = 0.5 * (1 + e2 * math.cos(2 * el)), 0.5 * (1 - e2 * math.cos(2 * el)), 0.5 * e2 * math.sin(2 * el)
+    caca, sasa = 0.5 * (1.0 + a2 * math.cos(2.0 * az)), 0.5 * (1.0 - a2 * math.cos(2.0 * az))
+    cece, sese = 0.5 * (1.0 + e2 * math.cos(2.0 * el)), 0.5 * (1.0 - e2 * math.cos(2.0 * el))
+    casa, cese = 0.5 * a2 * math.sin(2.0 * az), 0.5 * e2 * math.sin(2.0 * el)
     r2 = r * r + vr
     x, y, z = r * ce * ca, r * ce * sa, r * se
-    c[0, 0] = r2 * cece * caca / (la2 * le2) - x * x
-    c[1, 1] = r2 * cece * sasa / (la2 * le2) - y * y
-    c[0, 1] = r2 * cece * casa / (la2 * le2) - x * y
-    c[0, 2] = r2 * cese * ca / le2 - x * z
-    c[1, 2] = r2 * cese * sa / le2 - y * z
-    c[2, 2] = r2 * sese / le2 - z * z
-    c[1, 0] = c[0, 1]
-    c[2, 0] = c[0, 2]
-    c[2, 1] = c[1, 2]
+    c[row, 0] = r2 * cece * caca / (la2 * le2) - x * x
+    c[row, 4] = r2 * cece * sasa / (la2 * le2) - y * y
+    c[row, 8] = r2 * sese / le2 - z * z
+    c[row, 1] = r2 * cece * casa / (la2 * le2) - x * y
+    c[row, 2] = r2 * cese * ca / le2 - x * z
+    c[row, 5] = r2 * cese * sa / le2 - y * z
+    c[row, 3], c[row, 6], c[row, 7] = c[row, 1], c[row, 2], c[row, 5]
 
 
 def of_position(position_m: ArrayLike) -> FloatArray:
@@ -124,10 +122,10 @@ def to_position(polar: ArrayLike) -> FloatArray:
 def jacobian(position_m: ArrayLike) -> FloatArray:
     """Jacobian (..., 3, 3) of range, azimuth, elevation at positions (..., 3); rows of zeros where it has none."""
     p = np.asarray(position_m, dtype=np.float64)
-    found = np.zeros((*p.shape, 3))
-    h = np.empty(3)
-    for index in np.ndindex(p.shape[:-1]):
-        measure(p[index], h, found[index])
+    found = np.empty((*p.shape, 3))
+    each, rows, h = p.reshape(-1, 3), found.reshape(-1, 9), np.empty((1, 3))
+    for i in range(len(each)):
+        measure(each, i, h, 0, rows, i)
     return found
 
 
@@ -142,6 +140,6 @@ def converted_covariance(polar: ArrayLike, sigma: ArrayLike, *, unbiased: bool =
     """Covariance (3, 3) of one converted measurement at range, azimuth, elevation (3,)."""
     r, az, el = np.asarray(polar, dtype=np.float64)
     vr, va, ve = np.asarray(sigma, dtype=np.float64) ** 2
-    c = np.empty((3, 3))
-    (unbiased_covariance if unbiased else conventional_covariance)(r, az, el, vr, va, ve, c)
-    return c
+    c = np.empty((1, 9))
+    (unbiased_covariance if unbiased else conventional_covariance)(r, az, el, vr, va, ve, c, 0)
+    return c.reshape(3, 3)

@@ -10,7 +10,8 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
-from rangeeval.tracking import beam
+from rangeeval.tracking import beam, polar
+from rangeeval.tracking.alpha_beta import is_stable
 from rangeeval.tracking.cycle import (
     AT_COLUMN,
     COVARIANCE,
@@ -29,10 +30,12 @@ from rangeeval.tracking.cycle import (
     UPDATES,
     Setup,
     run_tracks,
+    scratch,
 )
 from rangeeval.tracking.filters import AlphaBeta, AnyFilter, Filter
-from rangeeval.tracking.measurements import Measurements
-from rangeeval.tracking.setups import setup_of
+from rangeeval.tracking.measurements import Measurements, wrapped
+from rangeeval.tracking.setups import limits_of, setup_of
+from rangeeval.tracking.smoothing import Densities, backward, merged, retrodicted
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -60,7 +63,7 @@ class Run:
     Attributes
     ----------
     state : (n, 6), filtered position (m) and velocity (m/s), ENU; of a missed or gated plot the prediction.
-    covariance : (n, 6, 6).
+    covariance : (n, 6, 6); NaN for alpha-beta, which has none.
     predicted_state, predicted_covariance : (n, 6), (n, 6, 6), before the update; NaN while starting.
     predicted : (n, 3), predicted range, azimuth (counter-clockwise from x), elevation; NaN while starting.
     innovation : (n, 3), measured less predicted, azimuth wrapped; NaN where a component was not measured. Gated plots
@@ -152,7 +155,7 @@ def run_many(spec: AnyFilter, tracks: Sequence[Measurements], *, detail: bool = 
         intervals than their own and the plots need that.
     """
     if isinstance(spec, AlphaBeta):
-        return beam.run_many(spec, tracks)
+        return _run_beam(spec, tracks)
     batch = Batch.of(tracks)
     level = DETAIL if detail else UPDATES
     table, flags = _run(spec, batch, level)[1:]
@@ -173,7 +176,7 @@ def _run(spec: Filter, batch: Batch, level: int) -> tuple[FloatArray, FloatArray
     table = np.full((n, PROBABILITY + models * (182 if level == DETAIL else 1)), np.nan)
     table[:, DOF:PROBABILITY] = 0.0
     flags = np.zeros(n, dtype=np.int64)
-    run_tracks(setup, level, batch.offsets, batch.rows, batch.planar, total, table, flags)
+    run_tracks(*setup, level, batch.offsets, batch.rows, batch.planar, total, table, flags, *scratch(models))
     return total, table, flags
 
 
@@ -202,11 +205,148 @@ class Batch:
 def smooth(run: Run) -> Smoothed:
     """Smooth a run made with `detail=True`: RTS for one model, the IMM smoother with pair weights for several.
 
+    Each stretch between a start and the next restart is smoothed for itself; the plots before the last one of a start get
+    its state carried back at constant velocity. Rows without any state stay NaN.
+
     Raises
     ------
     ValueError : the run holds no detail, or is of an alpha-beta filter (which has no covariances).
     """
-    raise NotImplementedError
+    return smooth_many([run])[0]
+
+
+def smooth_many(runs: Sequence[Run]) -> list[Smoothed]:
+    """Smooth runs of one filter; runs with the same times and flags are smoothed in one go (as in a Monte Carlo)."""
+    alike: dict[bytes, list[int]] = {}
+    for i, each in enumerate(runs):
+        if not isinstance(each.filter, Filter):
+            raise ValueError("an alpha-beta filter has no covariances to smooth with; smooth a Kalman or IMM run")
+        if each.detail is None:
+            raise ValueError("the run holds no detail of its models; make it with detail=True")
+        key = each.measurements.time_s.tobytes() + each.flags.tobytes() + repr(each.filter).encode()
+        alike.setdefault(key, []).append(i)
+    found: dict[int, Smoothed] = {}
+    for group in alike.values():
+        found.update(zip(group, _smooth_alike([runs[i] for i in group]), strict=True))
+    return [found[i] for i in range(len(runs))]
+
+
+def _smooth_alike(runs: Sequence[Run]) -> list[Smoothed]:
+    first = runs[0]
+    assert isinstance(first.filter, Filter)
+    setup = setup_of(first.filter)
+    time = first.measurements.time_s
+    details = [each.detail for each in runs if each.detail is not None]
+    filtered = Densities(
+        np.stack([d.state for d in details], 1),
+        np.stack([d.covariance for d in details], 1),
+        np.stack([each.mode_probability for each in runs], 1),
+    )
+    predicted = Densities(
+        np.stack([d.predicted_state for d in details], 1),
+        np.stack([d.predicted_covariance for d in details], 1),
+        np.stack([d.predicted_probability for d in details], 1),
+    )
+    state = np.stack([each.state for each in runs], 1)
+    covariance = np.stack([each.covariance for each in runs], 1)
+    probability = filtered.probability.copy()
+    stepped = np.isfinite(predicted.state[:, 0, 0, 0])
+    starting = (first.flags & Flag.STARTING) > 0
+    rows = np.flatnonzero(stepped | starting)
+    densities, later = None, -1
+    for row in rows[::-1]:
+        if densities is None or (first.flags[later] & Flag.RESTARTED):
+            densities = Densities(*(part[row] for part in filtered))
+        elif stepped[later]:
+            dt = float(time[later] - time[row])
+            densities = backward(
+                setup,
+                densities,
+                Densities(*(part[later] for part in predicted)),
+                Densities(*(part[row] for part in filtered)),
+                dt,
+            )
+        else:  # a plot of the start before its last
+            carried = retrodicted(setup, state[later], covariance[later], float(time[later] - time[row]))
+            state[row], covariance[row], later = *carried, row
+            continue
+        state[row], covariance[row] = merged(densities)
+        probability[row], later = densities.probability, row
+    return [_against_plots(each, state[:, i], covariance[:, i], probability[:, i]) for i, each in enumerate(runs)]
+
+
+def _against_plots(run: Run, state: FloatArray, covariance: FloatArray, probability: FloatArray) -> Smoothed:
+    assert isinstance(run.filter, Filter)
+    m = run.measurements
+    residual = m.z - polar.of_position(state[:, :3])
+    residual[:, 1] = wrapped(residual[:, 1])
+    h = polar.jacobian(state[:, :3])
+    noise = np.einsum("ni,ij->nij", (m.sigma * np.array(run.filter.noise_scale)) ** 2, np.eye(3))
+    left = noise - h @ covariance[:, :3, :3] @ np.swapaxes(h, -1, -2)
+    unknown = ~np.isfinite(residual)
+    left[unknown] = np.nan
+    np.swapaxes(left, -1, -2)[unknown] = np.nan
+    return Smoothed(state, covariance, probability, residual, left)
+
+
+def _run_beam(spec: AlphaBeta, tracks: Sequence[Measurements]) -> list[Run]:
+    batch = Batch.of(tracks)
+    n = len(batch.rows)
+    out = np.full((n, beam.WIDTH), np.nan)
+    out[:, beam.DOF :] = 0.0
+    flags = np.zeros(n, dtype=np.int64)
+    fixed = np.full(6, np.nan)
+    if (spec.alpha is None) != (spec.beta is None):
+        raise ValueError("alpha and beta go together: give both, or neither for gains by the tracking index")
+    if spec.alpha is not None and spec.beta is not None:
+        fixed[0::2], fixed[1::2] = spec.alpha, spec.beta
+        if not np.all(is_stable(fixed[0::2], fixed[1::2])):
+            raise ValueError(
+                f"gains alpha {spec.alpha} and beta {spec.beta} are not stable; 2 alpha + beta must be below 4"
+            )
+    beam.run_tracks(
+        fixed,
+        float(spec.design_acceleration_m_s2),
+        math.nan if spec.heading_rad is None else math.pi / 2 - spec.heading_rad,
+        float(spec.tilt_rad),
+        limits_of(spec),
+        int(spec.restart_after),
+        float(spec.restart_gap_s),
+        batch.offsets,
+        batch.rows,
+        batch.planar,
+        out,
+        flags,
+    )
+    return [_cut_beam(spec, track, batch, i, out, flags) for i, track in enumerate(tracks)]
+
+
+def _cut_beam(spec: AlphaBeta, track: Measurements, batch: Batch, i: int, out: FloatArray, flags: IntArray) -> Run:
+    part = out[batch.offsets[i] : batch.offsets[i + 1]]
+    n = len(part)
+    missing = np.full((n, 6, 6), np.nan)
+    variances = np.full((n, 3, 3), np.nan)
+    known = np.isfinite(part[:, beam.VARIANCE : beam.VARIANCE + 3])
+    variances[known[:, :, None] & known[:, None, :]] = 0.0
+    variances[:, range(3), range(3)] = part[:, beam.VARIANCE : beam.VARIANCE + 3]
+    return Run(
+        filter=spec,
+        measurements=track,
+        state=part[:, beam.STATE : beam.STATE + 6],
+        covariance=missing,
+        predicted_state=part[:, beam.PREDICTED_STATE : beam.PREDICTED_STATE + 6],
+        predicted_covariance=missing,
+        predicted=part[:, beam.PREDICTED : beam.PREDICTED + 3],
+        innovation=part[:, beam.INNOVATION : beam.INNOVATION + 3],
+        innovation_covariance=variances,
+        nis=part[:, beam.NIS],
+        nis_dof=part[:, beam.DOF].astype(np.int64),
+        log_likelihood=part[:, beam.LIKELIHOOD],
+        mode_probability=np.ones((n, 1)),
+        gains=part[:, beam.GAINS : beam.GAINS + 6].reshape(n, 3, 2),
+        flags=flags[batch.offsets[i] : batch.offsets[i + 1]],
+        planar=bool(batch.planar[i]),
+    )
 
 
 def _cut(
@@ -253,9 +393,9 @@ def _check_intervals(setup: Setup, batch: Batch) -> None:
     if np.all(np.isfinite(setup.pi)):
         return
     steps = np.diff(batch.rows[:, 0])
-    steps[batch.offsets[1:-1] - 1] = setup.reference
-    if np.any(np.abs(steps - setup.reference) > 1e-9 * setup.reference):
+    steps[batch.offsets[1:-1] - 1] = setup.scalars.reference
+    if np.any(np.abs(steps - setup.scalars.reference) > 1e-9 * setup.scalars.reference):
         raise ValueError(
-            f"these transition probabilities leave a model sooner than one reference interval ({setup.reference:g} s) and "
+            f"these transition probabilities leave a model sooner than one reference interval ({setup.scalars.reference:g} s) and "
             "cannot be spread over the plots' other intervals; give larger probabilities of staying"
         )

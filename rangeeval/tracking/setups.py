@@ -8,15 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from rangeeval.tracking.cycle import PARALLEL, Setup
-from rangeeval.tracking.filters import Filter
+from rangeeval.tracking.cycle import Scalars, Setup
+from rangeeval.tracking.filters import AnyFilter, Filter
 from rangeeval.tracking.mixing import PADDINGS
 from rangeeval.tracking.motion import MOTIONS
 from rangeeval.tracking.polar import UPDATES
 
 FloatArray = NDArray[np.float64]
 
-_BEYOND_CHANCE = 1e-12
+_HALF_DOF = np.array([0.5, 1.0, 1.5])
+_ABSURD = 2.0 * special.gammainccinv(_HALF_DOF, 1e-12)  # NIS beyond any chance
 START_PLOTS = {"one-point": 1, "two-point": 2, "three-point": 3, "quadratic": 3}
 
 
@@ -39,54 +40,52 @@ def setup_of(spec: Filter) -> Setup:
         raise ValueError("a process noise is negative or not a number; give 0 or more")
     if not spec.reference_interval_s > 0:
         raise ValueError(f"reference_interval_s is {spec.reference_interval_s}; give seconds above 0")
+    table = np.zeros((m, 6))
+    for row, model, probability in zip(table, models, start, strict=True):
+        turns = model.motion.startswith("ct")
+        row[:] = (
+            model.sigma_m_s2,
+            model.sigma_turn_rad_s,
+            model.prior_turn_rad_s if turns else spec.start_acceleration_m_s2,
+            model.parallel_turn_rad_s if turns and math.isfinite(model.parallel_turn_rad_s) else 0.0,
+            1.0 / model.turn_decay_s,
+            probability,
+        )
+    return Setup(
+        motions=np.array([MOTIONS[_known(model.motion, MOTIONS)] for model in models], dtype=np.int64),
+        table=table,
+        pi=np.concatenate([pi, generator(pi) / spec.reference_interval_s, pi]),
+        limits=limits_of(spec),
+        scalars=Scalars(
+            reference=float(spec.reference_interval_s),
+            speed=float(spec.start_speed_m_s),
+            acceleration=float(spec.start_acceleration_m_s2),
+            restart_gap=float(spec.restart_gap_s),
+            continuous=spec.noise == "continuous",
+            quadratic=spec.start == "quadratic",
+            turn_three_point=spec.turn_start == "three-point",
+            padding=PADDINGS[_known(spec.padding, PADDINGS)],
+            update=UPDATES[_known(spec.update, UPDATES)],
+            start_plots=START_PLOTS[_known(spec.start, START_PLOTS)],
+            restart_after=int(spec.restart_after),
+        ),
+    )
+
+
+def limits_of(spec: AnyFilter) -> FloatArray:
+    """Factors on sigma, gate and absurd NIS of a filter (3, 3); ValueError when they make no sense."""
     if not 0 < spec.gate_probability <= 1:
         raise ValueError(f"gate_probability is {spec.gate_probability}; give a probability above 0, 1 for no gate")
     if not all(scale > 0 for scale in spec.noise_scale):
         raise ValueError("noise_scale has a factor that is not above 0")
-    table = np.array(
-        [
-            (
-                model.sigma_m_s2,
-                model.sigma_turn_rad_s,
-                spec.start_acceleration_m_s2 if model.motion == "ca" else model.prior_turn_rad_s,
-                model.parallel_turn_rad_s if math.isfinite(model.parallel_turn_rad_s) else 0.0,
-                1.0 / model.turn_decay_s,
-                probability,
-            )
-            for model, probability in zip(models, start, strict=True)
-        ],
-        dtype=np.float64,
-    )
-    table[[not model.motion.startswith("ct") for model in models], PARALLEL] = 0.0
-    limits = np.stack([spec.noise_scale, gates(spec.gate_probability), gates(1.0, _BEYOND_CHANCE)]).astype(np.float64)
-    return Setup(
-        motions=np.array([MOTIONS[_known(model.motion, MOTIONS)] for model in models], dtype=np.int64),
-        table=table,
-        pi=np.stack([pi, generator(pi) / spec.reference_interval_s]),
-        limits=limits,
-        reference=float(spec.reference_interval_s),
-        speed=float(spec.start_speed_m_s),
-        acceleration=float(spec.start_acceleration_m_s2),
-        restart_gap=float(spec.restart_gap_s),
-        continuous=spec.noise == "continuous",
-        quadratic=spec.start == "quadratic",
-        turn_three_point=spec.turn_start == "three-point",
-        padding=PADDINGS[_known(spec.padding, PADDINGS)],
-        update=UPDATES[_known(spec.update, UPDATES)],
-        start_plots=START_PLOTS[_known(spec.start, START_PLOTS)],
-        restart_after=int(spec.restart_after),
-    )
+    return np.array([spec.noise_scale, gates(spec.gate_probability), _ABSURD])
 
 
-def gates(probability: float, beyond: float | None = None) -> FloatArray:
-    """Chi-square quantiles (3,) of 1, 2 and 3 degrees of freedom; infinite for probability 1.
-
-    `beyond`, if given, is one minus the probability, for probabilities too near to 1 to be written.
-    """
-    half = np.array([0.5, 1.0, 1.5])
-    limits: FloatArray = 2.0 * (
-        special.gammaincinv(half, probability) if beyond is None else special.gammainccinv(half, beyond)
-    )
+def gates(probability: float) -> FloatArray:
+    """Chi-square quantiles (3,) of 1, 2 and 3 degrees of freedom; infinite for probability 1."""
+    if probability == 1.0:
+        return np.full(3, math.inf)
+    limits: FloatArray = 2.0 * special.gammaincinv(_HALF_DOF, probability)
     return limits
 
 

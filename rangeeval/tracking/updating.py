@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rangeeval.compiled import compiled
+from rangeeval.compiled import compiled_ieee
 from rangeeval.tracking.polar import (
     CONVERTED,
     DECORRELATED,
@@ -27,160 +27,199 @@ from rangeeval.tracking.polar import (
 
 FloatArray = NDArray[np.float64]
 
+JOSEPH_BEYOND = 1e6  # then rounding is 1e-10 of the smallest variance
 
-@compiled
-def cholesky_inverse(s: FloatArray, inverse: FloatArray) -> float:
-    """Inverse of the lower Cholesky factor of `s` (3, 3) into `inverse`; returns log det s, NaN if s is not positive."""
-    if not s[0, 0] > 0.0:
-        return math.nan
-    l00 = math.sqrt(s[0, 0])
-    l10 = s[1, 0] / l00
-    l20 = s[2, 0] / l00
-    d1 = s[1, 1] - l10 * l10
-    if not d1 > 0.0:
-        return math.nan
+
+@compiled_ieee
+def cholesky_inverse(m: FloatArray, s: int, to: int) -> float:
+    """Inverse of the lower Cholesky factor of row `s` of `m` (n, 9) into row `to`; gives log det, NaN if not positive."""
+    l00 = math.sqrt(m[s, 0])
+    l10 = m[s, 3] / l00
+    l20 = m[s, 6] / l00
+    d1 = m[s, 4] - l10 * l10
     l11 = math.sqrt(d1)
-    l21 = (s[2, 1] - l20 * l10) / l11
-    d2 = s[2, 2] - l20 * l20 - l21 * l21
-    if not d2 > 0.0:
+    l21 = (m[s, 7] - l20 * l10) / l11
+    d2 = m[s, 8] - l20 * l20 - l21 * l21
+    if not (m[s, 0] > 0.0 and d1 > 0.0 and d2 > 0.0):
         return math.nan
     l22 = math.sqrt(d2)
-    inverse[0, 0] = 1.0 / l00
-    inverse[1, 1] = 1.0 / l11
-    inverse[2, 2] = 1.0 / l22
-    inverse[1, 0] = -l10 * inverse[0, 0] * inverse[1, 1]
-    inverse[2, 1] = -l21 * inverse[1, 1] * inverse[2, 2]
-    inverse[2, 0] = -(l20 * inverse[0, 0] + l21 * inverse[1, 0]) * inverse[2, 2]
+    i00, i11, i22 = 1.0 / l00, 1.0 / l11, 1.0 / l22
+    i10 = -l10 * i00 * i11
+    m[to, 0], m[to, 4], m[to, 8] = i00, i11, i22
+    m[to, 3] = i10
+    m[to, 7] = -l21 * i11 * i22
+    m[to, 6] = -(l20 * i00 + l21 * i10) * i22
     return 2.0 * math.log(l00 * l11 * l22)
 
 
-@compiled
-def quadratic(inverse: FloatArray, nu: FloatArray) -> float:
-    """nu' s^-1 nu (3) with the inverse Cholesky factor of s."""
-    e0 = inverse[0, 0] * nu[0]
-    e1 = inverse[1, 0] * nu[0] + inverse[1, 1] * nu[1]
-    e2 = inverse[2, 0] * nu[0] + inverse[2, 1] * nu[1] + inverse[2, 2] * nu[2]
+@compiled_ieee
+def quadratic(m: FloatArray, inverse: int, v: FloatArray, nu: int) -> float:
+    """nu' S^-1 nu, with the inverse Cholesky factor of S in a row of `m` and nu in one of `v`."""
+    n0, n1, n2 = v[nu, 0], v[nu, 1], v[nu, 2]
+    e0 = m[inverse, 0] * n0
+    e1 = m[inverse, 3] * n0 + m[inverse, 4] * n1
+    e2 = m[inverse, 6] * n0 + m[inverse, 7] * n1 + m[inverse, 8] * n2
     return e0 * e0 + e1 * e1 + e2 * e2
 
 
-@compiled
+@compiled_ieee
 def cartesian_innovation(
-    kind: int, z: FloatArray, variance: FloatArray, at: FloatArray, position: FloatArray, nu: FloatArray, r: FloatArray
+    kind: int, v: FloatArray, z: int, variance: int, at: int, nu: int, x: FloatArray, row: int, m: FloatArray, r: int
 ) -> None:
-    """Innovation (3) and noise covariance (3, 3) of a converted measurement; `at` is the predicted polar position."""
-    convert(z[0], z[1], z[2], nu)
+    """Innovation (row `nu` of `v`) and noise covariance (row `r` of `m`) of a plot converted to Cartesian."""
+    z0, z1, z2, vr, va, ve = v[z, 0], v[z, 1], v[z, 2], v[variance, 0], v[variance, 1], v[variance, 2]
+    convert(z0, z1, z2, v, nu)
     if kind == CONVERTED:
-        conventional_covariance(z[0], z[1], z[2], variance[0], variance[1], variance[2], r)
+        conventional_covariance(z0, z1, z2, vr, va, ve, m, r)
     else:
-        la, le = math.exp(-0.5 * variance[1]), math.exp(-0.5 * variance[2])
-        nu[0] /= la * le
-        nu[1] /= la * le
-        nu[2] /= le
-        if kind == DECORRELATED:
-            unbiased_covariance(at[0], at[1], at[2], variance[0], variance[1], variance[2], r)
-        else:
-            unbiased_covariance(z[0], z[1], z[2], variance[0], variance[1], variance[2], r)
+        la, le = math.exp(-0.5 * va), math.exp(-0.5 * ve)
+        v[nu, 0] /= la * le
+        v[nu, 1] /= la * le
+        v[nu, 2] /= le
+        predicted = kind == DECORRELATED
+        unbiased_covariance(
+            v[at, 0] if predicted else z0, v[at, 1] if predicted else z1, v[at, 2] if predicted else z2,
+            vr, va, ve, m, r,
+        )  # fmt: skip
     for i in range(3):
-        nu[i] -= position[i]
+        v[nu, i] -= x[row, i]
 
 
-@compiled
+@compiled_ieee
 def polar_innovation(
-    z: FloatArray, plot: FloatArray, at: FloatArray, h: FloatArray, nu: FloatArray, r: FloatArray
+    v: FloatArray, z: int, variance: int, known: int, at: int, nu: int, m: FloatArray, h: int, r: int
 ) -> None:
-    """Innovation (3) and noise covariance (3, 3) of range, azimuth, elevation; rows of `h` not measured become zero.
+    """Innovation and noise covariance of range, azimuth, elevation; rows of H not measured become zero.
 
-    `plot` (2, 3): variances, and 1 where measured.
+    Rows of `v` (n, 3): plot, variance, 1 where measured, predicted; of `m` (n, 9): H, R.
     """
+    for k in range(9):
+        m[r, k] = 0.0
     for i in range(3):
-        for k in range(3):
-            r[i, k] = 0.0
-        if plot[1, i] > 0.0:
-            nu[i] = z[i] - at[i]
-            r[i, i] = plot[0, i]
+        if v[known, i] > 0.0:
+            v[nu, i] = v[z, i] - v[at, i]
+            m[r, 4 * i] = v[variance, i]
         else:
-            nu[i] = 0.0
-            r[i, i] = 1.0
+            v[nu, i] = 0.0
+            m[r, 4 * i] = 1.0
             for k in range(3):
-                h[i, k] = 0.0
-    nu[1] = wrap(nu[1])
+                m[h, 3 * i + k] = 0.0
+    v[nu, 1] = wrap(v[nu, 1])
 
 
-@compiled
-def innovation_covariance(p: FloatArray, h: FloatArray, r: FloatArray, s: FloatArray) -> None:
-    """H P H' + R (3, 3) into `s`, H acting on position."""
+@compiled_ieee
+def innovation_covariance(p: FloatArray, row: int, m: FloatArray, h: int, r: int, to: int) -> None:
+    """H P H' + R into row `to` of `m` (n, 9), H acting on position."""
     for i in range(3):
+        h0, h1, h2 = m[h, 3 * i], m[h, 3 * i + 1], m[h, 3 * i + 2]
+        c0 = h0 * p[row, 0] + h1 * p[row, 9] + h2 * p[row, 18]
+        c1 = h0 * p[row, 1] + h1 * p[row, 10] + h2 * p[row, 19]
+        c2 = h0 * p[row, 2] + h1 * p[row, 11] + h2 * p[row, 20]
         for k in range(3):
-            total = r[i, k]
-            for a in range(3):
-                total += h[i, a] * (p[a, 0] * h[k, 0] + p[a, 1] * h[k, 1] + p[a, 2] * h[k, 2])
-            s[i, k] = total
+            m[to, 3 * i + k] = c0 * m[h, 3 * k] + c1 * m[h, 3 * k + 1] + c2 * m[h, 3 * k + 2] + m[r, 3 * i + k]
 
 
-@compiled
-def joseph(
-    n: int, h: FloatArray, r: FloatArray, inverse: FloatArray, nu: FloatArray,
-    y: FloatArray, s: FloatArray, x: FloatArray, p: FloatArray, shrink: FloatArray, scratch: FloatArray,
+@compiled_ieee
+def correct(
+    n: int, m: FloatArray, h: int, r: int, inverse: int, v: FloatArray, nu: int,
+    x: FloatArray, p: FloatArray, row: int, to: int, shrink: FloatArray, j: int, f: FloatArray,
 ) -> None:  # fmt: skip
-    """Joseph update of the first `n` states: prediction (y, s) into (x, p).
+    """Update of the first `n` states: prediction in `row` of `x` (9) and `p` (81), result into row `to`.
 
-    `inverse` is the inverse Cholesky factor of the innovation covariance; `shrink` (9, 3) = K H is written for the caller,
-    `scratch` (24, 9) is free.
+    P - W W' with W = P H' L^-T (L the Cholesky factor of the innovation covariance) costs a third of Joseph's form and
+    is as good while no variance shrinks by more than `JOSEPH_BEYOND`; beyond it Joseph's form is taken. Row `inverse` of
+    `m` is L^-1; row `j` of `shrink` (27) becomes K H; `f` (162) is scratch.
     """
-    gain, left = scratch[:9], scratch[9:18]
+    h00, h01, h02, h10, h11, h12 = m[h, 0], m[h, 1], m[h, 2], m[h, 3], m[h, 4], m[h, 5]
+    h20, h21, h22, i00, i10, i11 = m[h, 6], m[h, 7], m[h, 8], m[inverse, 0], m[inverse, 3], m[inverse, 4]
+    i20, i21, i22, nu0, nu1, nu2 = m[inverse, 6], m[inverse, 7], m[inverse, 8], v[nu, 0], v[nu, 1], v[nu, 2]
+    for a in range(9):
+        p0, p1, p2 = p[row, 9 * a], p[row, 9 * a + 1], p[row, 9 * a + 2]
+        c0 = p0 * h00 + p1 * h01 + p2 * h02
+        c1 = p0 * h10 + p1 * h11 + p2 * h12
+        c2 = p0 * h20 + p1 * h21 + p2 * h22
+        e0 = c0 * i00
+        e1 = c0 * i10 + c1 * i11
+        e2 = c0 * i20 + c1 * i21 + c2 * i22
+        g0 = e0 * i00 + e1 * i10 + e2 * i20
+        g1 = e1 * i11 + e2 * i21
+        g2 = e2 * i22
+        f[a], f[9 + a], f[18 + a] = e0, e1, e2
+        f[27 + a], f[36 + a], f[45 + a] = g0, g1, g2
+        x[to, a] = x[row, a] + g0 * nu0 + g1 * nu1 + g2 * nu2
+        shrink[j, 3 * a] = g0 * h00 + g1 * h10 + g2 * h20
+        shrink[j, 3 * a + 1] = g0 * h01 + g1 * h11 + g2 * h21
+        shrink[j, 3 * a + 2] = g0 * h02 + g1 * h12 + g2 * h22
+    for k in range(81):
+        p[to, k] = p[row, k]
+    for b in range(3):
+        _subtract_outer(p, to, f, 9 * b)
     for a in range(n):
-        c0 = s[a, 0] * h[0, 0] + s[a, 1] * h[0, 1] + s[a, 2] * h[0, 2]
-        c1 = s[a, 0] * h[1, 0] + s[a, 1] * h[1, 1] + s[a, 2] * h[1, 2]
-        c2 = s[a, 0] * h[2, 0] + s[a, 1] * h[2, 1] + s[a, 2] * h[2, 2]
-        e0 = c0 * inverse[0, 0]
-        e1 = c0 * inverse[1, 0] + c1 * inverse[1, 1]
-        e2 = c0 * inverse[2, 0] + c1 * inverse[2, 1] + c2 * inverse[2, 2]
-        g0 = e0 * inverse[0, 0] + e1 * inverse[1, 0] + e2 * inverse[2, 0]
-        g1 = e1 * inverse[1, 1] + e2 * inverse[2, 1]
-        g2 = e2 * inverse[2, 2]
-        gain[a, 0], gain[a, 1], gain[a, 2] = g0, g1, g2
-        x[a] = y[a] + g0 * nu[0] + g1 * nu[1] + g2 * nu[2]
-        k0 = g0 * h[0, 0] + g1 * h[1, 0] + g2 * h[2, 0]
-        k1 = g0 * h[0, 1] + g1 * h[1, 1] + g2 * h[2, 1]
-        k2 = g0 * h[0, 2] + g1 * h[1, 2] + g2 * h[2, 2]
-        shrink[a, 0], shrink[a, 1], shrink[a, 2] = k0, k1, k2
+        if not p[to, 10 * a] * JOSEPH_BEYOND > p[row, 10 * a]:
+            _joseph(n, m, r, p, row, to, shrink, j, f)
+            return
+
+
+@compiled_ieee
+def _subtract_outer(p: FloatArray, row: int, f: FloatArray, at: int) -> None:
+    """Subtract d d' from `row` of `p` (n, 81), d being nine of `f` from `at` on."""
+    d0, d1, d2, d3, d4 = f[at], f[at + 1], f[at + 2], f[at + 3], f[at + 4]
+    d5, d6, d7, d8 = f[at + 5], f[at + 6], f[at + 7], f[at + 8]
+    for a in range(9):
+        e = f[at + a]
+        p[row, 9 * a] -= e * d0
+        p[row, 9 * a + 1] -= e * d1
+        p[row, 9 * a + 2] -= e * d2
+        p[row, 9 * a + 3] -= e * d3
+        p[row, 9 * a + 4] -= e * d4
+        p[row, 9 * a + 5] -= e * d5
+        p[row, 9 * a + 6] -= e * d6
+        p[row, 9 * a + 7] -= e * d7
+        p[row, 9 * a + 8] -= e * d8
+
+
+@compiled_ieee
+def _joseph(
+    n: int, m: FloatArray, r: int, p: FloatArray, row: int, to: int, shrink: FloatArray, j: int, f: FloatArray
+) -> None:
+    """(I - K H) P (I - K H)' + K R K' of `row` of `p` into row `to`; the columns of K are at 27, 36, 45 of `f`."""
+    for a in range(n):
         for b in range(n):
-            left[a, b] = s[a, b] - k0 * s[0, b] - k1 * s[1, b] - k2 * s[2, b]
+            left = p[row, 9 * a + b]
+            for c in range(3):
+                left -= shrink[j, 3 * a + c] * p[row, 9 * c + b]
+            f[81 + 9 * a + b] = left
     for a in range(n):
-        r0 = gain[a, 0] * r[0, 0] + gain[a, 1] * r[1, 0] + gain[a, 2] * r[2, 0]
-        r1 = gain[a, 0] * r[0, 1] + gain[a, 1] * r[1, 1] + gain[a, 2] * r[2, 1]
-        r2 = gain[a, 0] * r[0, 2] + gain[a, 1] * r[1, 2] + gain[a, 2] * r[2, 2]
-        l0, l1, l2 = left[a, 0], left[a, 1], left[a, 2]
         for b in range(a, n):
-            total = left[a, b] - l0 * shrink[b, 0] - l1 * shrink[b, 1] - l2 * shrink[b, 2]
-            total += r0 * gain[b, 0] + r1 * gain[b, 1] + r2 * gain[b, 2]
-            p[a, b] = total
-            p[b, a] = total
+            total = f[81 + 9 * a + b]
+            for c in range(3):
+                total -= f[81 + 9 * a + c] * shrink[j, 3 * b + c]
+                for k in range(3):
+                    total += f[27 + 9 * c + a] * m[r, 3 * c + k] * f[27 + 9 * k + b]
+            p[to, 9 * a + b] = total
+            p[to, 9 * b + a] = total
 
 
-@compiled
-def forbid_parallel_turn(sigma: float, x: FloatArray, p: FloatArray, scratch: FloatArray) -> None:
-    """Pseudo-measurement w.v/|v| = 0 of position, velocity, turn rate, in place; `scratch` (24, 9)."""
-    v2 = x[3] ** 2 + x[4] ** 2 + x[5] ** 2
+@compiled_ieee
+def forbid_parallel_turn(sigma: float, x: FloatArray, p: FloatArray, row: int, f: FloatArray) -> None:
+    """Pseudo-measurement w.v/|v| = 0 of position, velocity, turn rate in `row`, in place; `f` (162) is scratch."""
+    v2 = x[row, 3] ** 2 + x[row, 4] ** 2 + x[row, 5] ** 2
     if v2 <= 0.0:
         return
     v = math.sqrt(v2)
-    dot = (x[3] * x[6] + x[4] * x[7] + x[5] * x[8]) / v
-    h, ph, k = scratch[0], scratch[1], scratch[2]
+    dot = (x[row, 3] * x[row, 6] + x[row, 4] * x[row, 7] + x[row, 5] * x[row, 8]) / v
     for a in range(3):
-        h[a] = 0.0
-        h[3 + a] = (x[6 + a] - dot * x[3 + a] / v) / v
-        h[6 + a] = x[3 + a] / v
+        f[a] = (x[row, 6 + a] - dot * x[row, 3 + a] / v) / v
+        f[3 + a] = x[row, 3 + a] / v
     total = sigma * sigma
     for a in range(9):
-        ph[a] = 0.0
-        for b in range(9):
-            ph[a] += p[a, b] * h[b]
-        total += h[a] * ph[a]
+        f[9 + a] = 0.0
+        for b in range(6):
+            f[9 + a] += p[row, 9 * a + 3 + b] * f[b]
+    for b in range(6):
+        total += f[b] * f[12 + b]
     for a in range(9):
-        k[a] = ph[a] / total
-        x[a] -= k[a] * dot
-    # Joseph form for one row: P - k (Ph)' - (Ph) k' + k s k'
-    for a in range(9):
+        gain = f[9 + a] / total
+        x[row, a] -= gain * dot
         for b in range(9):
-            p[a, b] += k[a] * k[b] * total - k[a] * ph[b] - ph[a] * k[b]
+            p[row, 9 * a + b] -= gain * f[9 + b]
