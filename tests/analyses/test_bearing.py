@@ -154,6 +154,9 @@ def test_targets_are_counted_when_not_given() -> None:
     assert (result.settings["targets"], result.settings["targets_given"]) == (2, False)
     assert value(result, "bearing_rms").value < math.radians(0.5)
     assert value(result, "sources_mdl").value == 2
+    told = trial_of(received(ARC, truth), ARC, truth, start_bearing_deg=(-25.0, 0.0, 35.0))
+    assert rangeeval.bearing(told).settings["targets"] == 3
+    assert rangeeval.bearing(told, targets="auto").settings["targets"] == 2
 
 
 @pytest.mark.slow
@@ -450,6 +453,7 @@ def test_a_span_without_snapshots_is_one_line() -> None:
         ({"method": "muzic"}, "did you mean 'music'"),
         ({"coasting": "firm"}, "coasting 'firm' is not known"),
         ({"targets": 0}, "targets is 0"),
+        ({"targets": "some"}, "targets is some"),
         ({"block": 0}, "block is 0"),
         ({"confidence": 1.0}, "confidence is 1"),
         ({"acceleration_rad_s2": -1.0}, "expected 0 or more"),

@@ -31,7 +31,7 @@ def bearing(
     *,
     confidence: float = 0.95,
     method: str = "joint-ml",
-    targets: int | None = None,
+    targets: int | str | None = None,
     block: int | None = None,
     acceleration_rad_s2: float | None = None,
     lag_compensation: bool = False,
@@ -51,7 +51,7 @@ def bearing(
     confidence : of the intervals.
     method : `joint-ml` maximum likelihood of all bearings at once; `ryu` (a line) and `modified` (any array) the source
         papers' subspace trackers; `music`, `root-music`, `esprit` blocks by themselves.
-    targets : how many; the trial's own number, or what MDL finds in the first blocks, when None.
+    targets : how many; `auto`: what MDL finds in the first blocks; None: the trial's own number, else as `auto`.
     block : snapshots a step (`joint-ml`), or a block.
     acceleration_rad_s2 : sigma of the acceleration of a bearing that the filter is to expect.
     lag_compensation, coasting : of `ryu` and `modified`; coasting `none`, `hard` or `soft`.
@@ -133,22 +133,25 @@ def bearing_tracks(
 
 
 def _checked(
-    method: str, targets: int | None, block: int | None, acceleration_rad_s2: float | None, lag_compensation: bool,
-    coasting: str, confidence: float,
+    method: str, targets: int | str | None, block: int | None, acceleration_rad_s2: float | None,
+    lag_compensation: bool, coasting: str, confidence: float,
 ) -> How:  # fmt: skip
     for value, known, word in ((method, METHODS, "method"), (coasting, COASTING, "coasting")):
         if value not in known:
             raise SettingsError(f"{word} '{value}' is not known; {did_you_mean(value, known)}")
     if not 0.0 < confidence < 1.0:
         raise SettingsError(f"confidence is {confidence:g}, expected more than 0 and less than 1")
-    for name, number in (("targets", targets), ("block", block)):
-        if number is not None and number < 1:
+    counted = targets == "auto"
+    wanted = None if counted else targets
+    for name, number in (("targets", wanted), ("block", block)):
+        if isinstance(number, str) or (number is not None and number < 1):
             raise SettingsError(f"{name} is {number}, expected 1 or more")
+    assert not isinstance(wanted, str)
     if acceleration_rad_s2 is not None and not acceleration_rad_s2 >= 0:
         raise SettingsError(f"acceleration_rad_s2 is {acceleration_rad_s2:g}, expected 0 or more")
     if method not in ("ryu", "modified") and (lag_compensation or coasting != "none"):
         raise SettingsError(f"lag_compensation and coasting belong to the methods ryu and modified, not to {method}")
-    return How(method, targets, block, acceleration_rad_s2, lag_compensation, coasting)
+    return How(method, wanted, counted, block, acceleration_rad_s2, lag_compensation, coasting)
 
 
 @dataclass(frozen=True)
@@ -230,7 +233,7 @@ def _settings(found: _Found, how: How, confidence: float) -> dict[str, Any]:
     return {
         "method": how.method,
         "targets": used.targets,
-        "targets_given": bool(how.targets or array.targets or array.start_bearing_deg),
+        "targets_given": not how.counted and bool(how.targets or array.targets or array.start_bearing_deg),
         "block": used.block,
         "lag_compensation": how.lag_compensation,
         "coasting": how.coasting,
