@@ -199,6 +199,15 @@ def test_tracks_come_as_a_table() -> None:
     assert table.groupby("target_id").bearing_deg.mean().round(0).tolist() == [-25.0, 35.0]
 
 
+def test_plain_tables_will_do() -> None:
+    """Samples and times as arrays, and what is known of the array beside them."""
+    truth = np.full((200, 1), 17.0)
+    array = SensorArray(tuple(LINE), SPEED / WAVELENGTH, SPEED, targets=1)
+    table = {"time_s": np.arange(200) * 0.1, "samples": received(LINE, truth)}
+    tracks, _ = rangeeval.bearing_tracks(table, array=array)
+    assert tracks.bearing_deg.iloc[-1] == pytest.approx(17.0, abs=0.5)
+
+
 def test_compass_bearings() -> None:
     """x points 30 degrees east of north: y to the right adds, y to the left subtracts; zero to 360 degrees."""
     truth = np.full((200, 1), -50.0)

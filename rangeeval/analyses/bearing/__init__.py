@@ -19,7 +19,7 @@ from rangeeval.analyses.bearing.truth import Judged, gather_truth, judge
 from rangeeval.arrays.health import Ambiguity, check_geometry, mirrored
 from rangeeval.arrays.options import flag_words
 from rangeeval.errors import SettingsError, did_you_mean
-from rangeeval.model import Bins, Estimate, Problem, Result, Trial, as_trial
+from rangeeval.model import Bins, Estimate, Problem, Result, SensorArray, Trial, as_trial
 
 ALL = (-math.inf, math.inf)
 _LOOKED_AT = 2000  # snapshots in which a mirrored recording is looked for
@@ -37,6 +37,7 @@ def bearing(
     lag_compensation: bool = False,
     coasting: str = "none",
     span_s: tuple[float, float] = ALL,
+    array: SensorArray | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Result:
     """Bearings of several targets over time, with their errors, from the snapshots of one array.
@@ -56,6 +57,7 @@ def bearing(
     acceleration_rad_s2 : sigma of the acceleration of a bearing that the filter is to expect.
     lag_compensation, coasting : of `ryu` and `modified`; coasting `none`, `hard` or `soft`.
     span_s : first and last time that is used.
+    array : what is known of the array, over what the log and the trial's settings say of it.
     progress : called with the number of snapshots read.
 
     Raises
@@ -68,7 +70,7 @@ def bearing(
     Ryu et al. (2002) and its extension to cylindrical arrays, as corrected in docs/explanation/bearing.md.
     """
     how = _checked(method, targets, block, acceleration_rad_s2, lag_compensation, coasting, confidence)
-    found = _look(as_trial(trial), how, span_s, confidence, progress)
+    found = _look(_with(as_trial(trial), array), how, span_s, confidence, progress)
     rows: list[Estimate] = []
     water, counted = waterfall(found.recording), counts(found.recording)
     series: dict[str, Any] = {}
@@ -96,6 +98,7 @@ def bearing_tracks(
     *,
     confidence: float = 0.95,
     span_s: tuple[float, float] = ALL,
+    array: SensorArray | None = None,
     progress: Callable[[int], None] | None = None,
     **how: Any,
 ) -> tuple[Any, tuple[Problem, ...]]:
@@ -110,7 +113,9 @@ def bearing_tracks(
         "method": "joint-ml", "targets": None, "block": None, "acceleration_rad_s2": None,
         "lag_compensation": False, "coasting": "none",
     }  # fmt: skip
-    found = _look(as_trial(trial), _checked(**(options | how), confidence=confidence), span_s, confidence, progress)
+    found = _look(
+        _with(as_trial(trial), array), _checked(**(options | how), confidence=confidence), span_s, confidence, progress
+    )
     tracked, frame = found.tracked, found.frame
     columns: dict[str, list[Any]] = {}
     if tracked is not None:
@@ -152,6 +157,12 @@ def _checked(
     if method not in ("ryu", "modified") and (lag_compensation or coasting != "none"):
         raise SettingsError(f"lag_compensation and coasting belong to the methods ryu and modified, not to {method}")
     return How(method, wanted, counted, block, acceleration_rad_s2, lag_compensation, coasting)
+
+
+def _with(trial: Trial, array: SensorArray | None) -> Trial:
+    if array is None:
+        return trial
+    return replace(trial, settings=replace(trial.settings, array=array.over(trial.settings.array)))
 
 
 @dataclass(frozen=True)
