@@ -99,18 +99,18 @@ def innovations(array, f, real, imag, theta, room, top, bottom):  # type: ignore
         for m in range(sensors):
             real[m, n + j], imag[m, n + j] = room.response[0, m], room.response[1, m]
             real[m, 2 * n + j], imag[m, 2 * n + j] = room.response[2, m], room.response[3, m]
-    for i in range(n):
-        for c in range(3 * n):
+    for i in range(n):  # W^H W is Hermitian: its upper half is enough
+        for c in range(i, 3 * n):
             inner_real[i, c] = 0.0
             inner_imag[i, c] = 0.0
         for m in range(sensors):
             wr, wi = real[m, i], imag[m, i]
-            for c in range(3 * n):
+            for c in range(i, 3 * n):
                 inner_real[i, c] += wr * real[m, c] + wi * imag[m, c]
                 inner_imag[i, c] += wr * imag[m, c] - wi * real[m, c]
     for i in range(n):
         for k in range(i + 1):
-            factor[i, k] = complex(inner_real[i, k], inner_imag[i, k])
+            factor[i, k] = complex(inner_real[k, i], -inner_imag[k, i])
     if not cholesky(factor, n):
         return False
     for m in range(sensors):
