@@ -3,7 +3,7 @@
 Prints, for each kind of trial: how often the 95 % interval of a ratio or difference holds the truth, how many pairs
 that are alike have any false verdict (all bins and quantities together, Holm), and how often a real change is found.
 
-    python benchmarks/compare_power.py [--pairs 200] [--kind tracker] [--picture docs/images/compare-power.svg]
+    python benchmarks/compare_power.py [--pairs 100] [--kind tracker] [--picture docs/images/compare-power.svg]
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
+from scipy.special import fdtrc, fdtri
 
 from rangeeval.analyses.accuracy import accuracy
 from rangeeval.comparison import Method, compare
@@ -163,13 +164,44 @@ def lines(kinds: Mapping[str, object], pairs: int, workers: int) -> Iterator[str
             yield f"{kind:13s} {ratio:5.2f} {share:6d} {tests:6d} {sigma:11.4f} {mean:14.4f}  {claims}"
 
 
+RATIOS = (1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.8, 2.0)
+BINS = 18
+
+
 def power(pairs: int, workers: int, kind: str = "tracker") -> list[tuple[float, float, float]]:
-    """(ratio, share of bins found worse, share of trials with any bin found worse) of range sigma."""
+    """(ratio, share of bins found worse, share of trials with any bin found worse) of range sigma, counted."""
     found = []
-    for ratio in (1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.8, 2.0):
+    for ratio in RATIOS:
         counts = shared_out(kind, ratio, pairs, workers, ("range_sigma",))
         found.append((ratio, counts.claims["worse"] / counts.tests, counts.pairs_with_claim / counts.pairs))
     return found
+
+
+def power_in_theory(ratio: Array, nu: float, tests: int = BINS, level: float = 0.05) -> Array:
+    """Chance that one bin is found worse when each test has its share of the level (the first step of Holm)."""
+    least = 1.0 / fdtri(nu, nu, level / tests / 2.0)  # the upper quantile of F
+    return np.asarray(fdtrc(nu, nu, least / ratio**2))
+
+
+def draw(curve: list[tuple[float, float, float]], path: Path) -> None:
+    """The power curve: in theory for several effective numbers of samples a bin, and as counted."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    matplotlib.rcParams["svg.hashsalt"] = "compare"
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(7.0, 4.0), layout="constrained")
+    ratio = np.linspace(1.0, 2.0, 201)
+    for n, dash in ((50, ":"), (150, "-"), (500, "--"), (1500, "-.")):
+        axes.plot(ratio, power_in_theory(ratio, n - 1.0), dash, color="#0072B2", label=f"{n} effective samples a bin")
+    axes.plot(
+        *zip(*[(r, bins) for r, bins, _ in curve], strict=True), "s", color="#D55E00", label="counted, about 160 a bin"
+    )
+    axes.set(xlabel="True ratio of sigmas", ylabel="Share of bins found worse", xlim=(1.0, 2.0), ylim=(0.0, 1.02))
+    axes.grid(alpha=0.3)
+    axes.legend(loc="lower right", fontsize=8)
+    figure.savefig(path, metadata={"Date": None})
 
 
 def main() -> None:
@@ -186,9 +218,12 @@ def main() -> None:
         print(line, flush=True)
     if not given.no_power:
         curve = power(given.pairs, given.workers)
-        print("\nrange sigma, 18 bins of about 160 updates: ratio, bins found worse, trials with any bin found worse")
+        print("\nrange sigma, 18 bins of about 160 updates")
+        print("ratio  bins found worse  (in theory)  trials with any bin found worse")
         for ratio, bins, trials in curve:
-            print(f"{ratio:5.2f} {bins:7.3f} {trials:7.3f}")
+            print(f"{ratio:5.2f} {bins:17.3f} {float(power_in_theory(np.array(ratio), 155.0)):12.3f} {trials:32.3f}")
+        if given.picture:
+            draw(curve, given.picture)
     print(f"{time.perf_counter() - started:.0f} s")
 
 

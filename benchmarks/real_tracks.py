@@ -15,6 +15,7 @@ import shutil
 import sys
 import tempfile
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -61,11 +62,28 @@ def scatter(trial: Trial) -> None:
     distance = np.concatenate([leave_one_out(p.time_s, p.range_m, max_gap=10.0) for p in plots])
     azimuth = np.concatenate([leave_one_out(p.time_s, np.unwrap(p.azimuth_rad), max_gap=10.0) for p in plots])
     print(f"{len(plots)} aircraft, {where.size} plots, noise from scatter:")
-    for low, high in zip(EDGES_NMI[:-1], EDGES_NMI[1:], strict=True):
+    for low, high in pairwise(EDGES_NMI):
         inside = (where >= low) & (where < high)
         r, a = noise_of(distance[inside]), noise_of(azimuth[inside])
         print(f"  {low:2d} to {high:2d} NM  n {r.n:6d}  range {r.value:.2f} [{r.low:.2f}, {r.high:.2f}] m  "
               f"azimuth {np.degrees(a.value):.4f} [{np.degrees(a.low):.4f}, {np.degrees(a.high):.4f}] deg")  # fmt: skip
+
+
+def associated(trial: Trial) -> None:
+    """The same plots without their addresses: do the tracks found hold one aircraft each?"""
+    named = gather_tracks(trial)
+    owner = {(t, r): k.name for k in named.tracks for t, r in zip(k.plots.time_s, k.plots.range_m, strict=True)}
+    start = time.perf_counter()
+    found = gather_tracks(trial, "global").tracks
+    seconds = time.perf_counter() - start
+    own: dict[str, list[int]] = {}
+    for track in found:
+        names = [owner[key] for key in zip(track.plots.time_s, track.plots.range_m, strict=True)]
+        for name in dict.fromkeys(names):
+            own.setdefault(name, []).append(names.count(name))
+    plots = sum(map(sum, own.values()))
+    print(f"association without addresses: {len(found)} tracks in {seconds:.1f} s; "
+          f"{sum(max(v) for v in own.values()) / plots:.3f} of the plots in their aircraft's longest track")  # fmt: skip
 
 
 def compared(trial: Trial, name: str) -> None:
@@ -121,6 +139,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as work:
         trial = recorded(folder, Path(work))
         scatter(trial)
+        associated(trial)
         compared(trial, "recorded plots")
     watched(folder / "adsb-tracks" / "zero_gravity.json.gz", 0.5)
     watched(folder / "adsb-tracks" / "noisy_time_issue.json.gz", 0.5)

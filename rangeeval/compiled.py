@@ -19,9 +19,9 @@ def compiled(function: F) -> F:
 
 
 def compiled_ieee(function: F) -> F:
-    """The same for a kernel full of divisions that guards them itself: one by zero gives infinity or NaN, as in numpy.
+    """The same, but a division by zero gives infinity or NaN instead of raising.
 
-    Not looking for zeros makes such kernels a fifth quicker, and lets their small loops vectorise.
+    For kernels that guard their divisions: without the branches that raise, their small loops vectorise.
     """
     return _compiled(function, {"error_model": "numpy"})
 

@@ -47,9 +47,7 @@ def uncorrelated_crb(
     information = np.zeros((n, n))
     sources, noises = _sources(power, geometry.bins, n), _noises(noise, geometry.bins)
     for f, (s, noise_f) in enumerate(zip(sources, noises, strict=True)):
-        full = snapshots * fisher(a[f], d[f], np.diag(s).real, noise_f)
-        cross = full[:n, n:]
-        information += full[:n, :n] - cross @ np.linalg.pinv(full[n:, n:], hermitian=True) @ cross.T
+        information += snapshots * _without_powers(fisher(a[f], d[f], np.diag(s).real, noise_f), n)
     return _inverse(information)
 
 
@@ -80,38 +78,50 @@ def posterior_crb(
     process_variance: float,
     start_bearing_sigma_rad: float,
     start_rate_sigma_rad: float,
+    block: int = 5,
 ) -> Array:
     """Variance (T, N), rad^2, of the best tracker's bearings at every snapshot along the true bearings (T, N).
 
-    Powers and noise are known. process_variance : q of the acceleration, (rad per snapshot^2)^2; 0 for a straight line.
+    The tracker corrects block by block, knows that the sources are uncorrelated, and estimates powers and noise in each
+    block. process_variance : q of the acceleration, (rad per snapshot^2)^2; 0 for bearings known to change evenly.
     """
     truth = np.asarray(bearing_rad, dtype=np.float64)
+    if truth.ndim != 2 or not np.isfinite(truth).all():
+        raise ValueError(f"true bearings of shape {truth.shape}; give (snapshots, targets), none missing")
     count, n = truth.shape
     powers = np.array([np.diag(s).real for s in _sources(power, geometry.bins, n)])
     noises = _noises(noise, geometry.bins)
     one = np.eye(n)
-    ahead = np.block([[one, one], [0 * one, one]])
-    added = process_variance * np.block([[one / 4, one / 2], [one / 2, one]])
     cov = np.diag(np.repeat([start_bearing_sigma_rad**2, start_rate_sigma_rad**2], n))
     found = np.empty((count, n))
-    a, d = _stacked(geometry, truth.ravel())
-    for k in range(count):
+    for first in range(0, count, block):
+        t = min(block, count - first)
+        a, d = _stacked(geometry, truth[first + t // 2])
         information = np.zeros((n, n))
-        here = slice(k * n, (k + 1) * n)
         for f in range(geometry.bins):
-            information += fisher(a[f][:, here], d[f][:, here], powers[f], noises[f])[:n, :n]
+            information += t * _without_powers(fisher(a[f], d[f], powers[f], noises[f]), n)
+        ahead = np.block([[one, t * one], [0 * one, one]])
+        cross = process_variance * t**2 / 2 * one
+        added = np.block([[process_variance * (t**3 / 3 - t / 12) * one, cross], [cross, process_variance * t * one]])
         cov = ahead @ cov @ ahead.T + added
         wide = cov[:, :n]
         cov = cov - wide @ np.linalg.solve(one + information @ cov[:n, :n], information) @ wide.T
         cov = 0.5 * (cov + cov.T)
-        found[k] = np.diag(cov)[:n]
+        found[first : first + t] = np.diag(cov)[:n]
     return found
+
+
+def _without_powers(information: Array, n: int) -> Array:
+    """Information on the bearings that is left when powers and noise must be estimated from the same data."""
+    cross = information[:n, n:]
+    left: Array = information[:n, :n] - cross @ np.linalg.pinv(information[n:, n:], hermitian=True) @ cross.T
+    return left
 
 
 def beam_width(geometry: ArrayGeometry, bearing_rad: float = 0.0) -> float:
     """Half-power width of the beam steered to a bearing, rad; the sector's width when the beam fills it."""
     low, high = geometry.sector
-    off = np.linspace(0.0, high - low, 2881)[1:]
+    off = (high - low) * np.geomspace(1e-4, 1.0, 200)  # steps of 5 %: fine enough for beams of any width
     middle = steering(geometry, [bearing_rad])[0].reshape(geometry.bins, geometry.sensors, 1)
     width = 0.0
     for side in (1.0, -1.0):

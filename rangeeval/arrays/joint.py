@@ -158,7 +158,7 @@ def _predict(theta, omega, cov, steps, q):  # type: ignore[no-untyped-def]
 
 @compiled
 def load(x, usable, f, first, count, column, work):  # type: ignore[no-untyped-def]
-    """Put the usable ones of `count` snapshots of bin f into `work`, and say how many they are."""
+    """Put the usable ones of `count` snapshots of bin f into `work`."""
     used = 0
     for k in range(first, first + count):
         if usable[k]:
@@ -166,7 +166,6 @@ def load(x, usable, f, first, count, column, work):  # type: ignore[no-untyped-d
                 work.real[m, column + used] = x[k, f, m].real
                 work.imag[m, column + used] = x[k, f, m].imag
             used += 1
-    return used
 
 
 @compiled
@@ -200,7 +199,7 @@ def _towards(theta, predicted, cov, score, info, largest, system, gain, step):  
 
 @compiled
 def _tighten(cov, gain, half, new):  # type: ignore[no-untyped-def]
-    """P - P_xb (I + J P_bb)^-1 J P_bx."""
+    """P - P_xb (I + J P_bb)^-1 J P_bx, `gain` as `_towards` leaves it."""
     n = gain.shape[0]
     for i in range(2 * n):
         for k in range(n):
@@ -215,7 +214,9 @@ def _tighten(cov, gain, half, new):  # type: ignore[no-untyped-def]
                 total -= half[i, j] * cov[k, j]
             new[i, k] = total
             new[k, i] = total
-    cov[:] = new
+    for i in range(2 * n):
+        for k in range(2 * n):
+            cov[i, k] = new[i, k]
 
 
 @compiled
@@ -239,7 +240,8 @@ def _first_guess(power, noise, f, used, work):  # type: ignore[no-untyped-def]
             total += work.real[m, c] * work.real[m, c] + work.imag[m, c] * work.imag[m, c]
     level = max(total / (used * sensors * (n + 1)), 1e-300)
     noise[f] = level
-    power[f] = level
+    for i in range(n):
+        power[f, i] = level
 
 
 @compiled
@@ -276,9 +278,8 @@ def largest_eigenvalue(found, model):  # type: ignore[no-untyped-def]
         v[i] = 1.0 / (1.0 + i)  # no symmetry of the array is orthogonal to this
     value = 0.0
     for _ in range(_TURNS):
-        w[:] = v
         for i in range(n - 1, -1, -1):  # L^-H v
-            total = w[i]
+            total = v[i]
             for k in range(i + 1, n):
                 total -= model[k, i].conjugate() * w[k]
             w[i] = total * model[i, i].real
@@ -334,16 +335,17 @@ def track_joint(  # type: ignore[no-untyped-def]
         first = b * block
         _predict(theta, omega, cov, ahead, q)
         ahead = float(block)
-        predicted[:] = theta
-        used = 0
+        for i in range(n):
+            predicted[i] = theta[i]
+        counts[b] = 0
         for k in range(first, first + block):
-            used += usable[k]
-        counts[b] = used
+            counts[b] += usable[k]
+        used = counts[b]
         # The turns: powers and noise found once at the start, Gauss-Newton steps, and the powers' own step at the end.
         settle = _ROUNDS if opening and used > 0 else 0
         for turn in range(settle + iterations + 1 if used > 0 else 0):
-            score[:] = 0.0
-            info[:] = 0.0
+            score.fill(0.0)
+            info.fill(0.0)
             last = turn == settle + iterations
             for f in range(bins):
                 load(x, usable, f, first, block, 2 * n, work)
@@ -362,18 +364,20 @@ def track_joint(  # type: ignore[no-untyped-def]
             for i in range(n):
                 for k in range(n):
                     omega[i] += cov[n + i, k] * step[k]
-            _tighten(cov, gain[:, :n], half, new)
+            _tighten(cov, gain, half, new)
             watched += used
         if watched >= window:
             guard = 0.0
             for f in range(bins):
                 guard = max(guard, largest_eigenvalue(watch[0, f], watch[1, f]))
-            watch[:] = 0.0
+            watch.fill(0.0)
             watched = 0
         for i in range(n):
             out[0, b, i], out[1, b, i] = theta[i], math.sqrt(max(cov[i, i], 0.0))
             out[2, b, i], out[3, b, i] = omega[i], math.sqrt(max(cov[n + i, n + i], 0.0))
             out[4, b, i] = theta[i] - predicted[i]
-        powers[b] = power
-        noises[b] = noise
+        for f in range(bins):
+            noises[b, f] = noise[f]
+            for i in range(n):
+                powers[b, f, i] = power[f, i]
         guards[b] = guard

@@ -92,7 +92,7 @@ def innovations(array, f, basis, theta, response, inner, factor, top, bottom):  
 def left_over(basis, x):  # type: ignore[no-untyped-def]
     """|x|^2 outside the span of the basis."""
     sensors, n = basis.shape
-    factor, y = np.empty((n, n), np.complex128), np.zeros((n, 1), np.complex128)
+    factor, y = np.empty((n, n), np.complex128), np.zeros((n, n), np.complex128)
     total = 0.0
     for m in range(sensors):
         total += x[m].real ** 2 + x[m].imag ** 2
@@ -159,8 +159,8 @@ def track_past(  # type: ignore[no-untyped-def]
     bins, sensors = x.shape[1], x.shape[2]
     n = theta.size
     cov = np.zeros((3, n))  # variance of the bearing, covariance, variance of the rate
-    cov[0] = sigma_bearing * sigma_bearing
-    cov[2] = sigma_rate * sigma_rate
+    for i in range(n):
+        cov[0, i], cov[2, i] = sigma_bearing * sigma_bearing, sigma_rate * sigma_rate
     inverse = np.zeros((bins, n, n), np.complex128)
     for f in range(bins):
         for i in range(n):
@@ -171,7 +171,7 @@ def track_past(  # type: ignore[no-untyped-def]
     inner, factor = np.empty((n, 2 * n), np.complex128), np.empty((n, n), np.complex128)
     top, bottom, where, predicted = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     information, bound = np.empty((n, n)), np.empty((n, n))
-    noise, level = np.full(bins, -1.0), np.zeros(bins)
+    noise, level = np.zeros(bins), np.zeros(bins)
     for k in range(x.shape[0]):
         for i in range(n):
             theta[i] += omega[i]
@@ -191,16 +191,16 @@ def track_past(  # type: ignore[no-untyped-def]
                     total = 0.0
                     for m in range(sensors):
                         total += x[k, f, m].real ** 2 + x[k, f, m].imag ** 2
-                    if noise[f] < 0.0:
+                    if noise[f] <= 0.0:
                         noise[f], level[f] = rest, total / sensors
                     noise[f] = _FADE * noise[f] + (1.0 - _FADE) * rest
                     level[f] = _FADE * level[f] + (1.0 - _FADE) * total / sensors
         if sees and soft > 0.0:
-            information[:] = 0.0
+            information.fill(0.0)
             for f in range(bins):
                 power = power_known if power_known > 0.0 else max((level[f] - noise[f]) / n, 1e-6 * noise[f])
                 _fisher(array, f, predicted, power, noise[f], information)
-            bound[:] = 0.0
+            bound.fill(0.0)
             for i in range(n):
                 bound[i, i] = 1.0
             solve(information, n, bound, n)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -135,7 +136,7 @@ def _track_joint(job: _Job, options: JointOptions) -> Track:
         )  # fmt: skip
     power, noise = powers.mean(axis=2), noises.mean(axis=2)
     spread = noise / job.geometry.sensors / math.sqrt(options.memory)
-    flags = np.where(counts == 0, MISSING, 0)[..., None] | np.where(power < _FADED * spread[..., None], FADED, 0)
+    flags: Any = np.where(counts == 0, MISSING, 0)[..., None] | np.where(power < _FADED * spread[..., None], FADED, 0)
     flags |= np.where(guards > options.guard_threshold, UNMODELLED, 0)[..., None]
     sample = options.block * np.arange(blocks) + 0.5 * (options.block - 1)
     return _assembled("joint-ml", job, sample, out, power, noise, guards, flags)
@@ -155,7 +156,7 @@ def _track_past(method: str, job: _Job, options: PastOptions) -> Track:
             options.lag_compensation, options.hard_coasting_rad or 0.0, options.soft_coasting or 0.0,
             options.source_power or 0.0, out[run], coasted[run],
         )  # fmt: skip
-    flags = np.where(job.usable, 0, MISSING)[..., None] | np.where(coasted, COASTED, 0)
+    flags: Any = np.where(job.usable, 0, MISSING)[..., None] | np.where(coasted, COASTED, 0)
     nothing = np.full((runs, count), np.nan)
     power = np.full((runs, count, n), np.nan)
     return _assembled(method, job, np.arange(count, dtype=np.float64), out, power, nothing, nothing, flags)
@@ -191,7 +192,7 @@ def _crowded(geometry: ArrayGeometry, bearing: Array) -> NDArray[np.bool_]:
     if n < 2:
         return close
     low, high = geometry.sector
-    grid = np.linspace(low, high, 25)
+    grid = np.linspace(low, high, 13)
     width = np.array([beam_width(geometry, b) for b in grid])
     inside = np.mod(bearing - low, 2 * math.pi) + low if geometry.full_circle else np.clip(bearing, low, high)
     own = np.interp(inside, grid, width)

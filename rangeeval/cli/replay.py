@@ -50,7 +50,7 @@ def replay(
     one = opened(list(trial))
     results = output if output is not None and output.suffix.lower() == ".json" and not smooth else None
     with progress("replay") as advance:
-        done = run_replay(one, name, association=associate, progress=advance)
+        done = run_replay(one, name, association=associate, tune=tune, confidence=confidence, progress=advance)
         result = analyse(
             one, bins_of(one, **bins), compare=compare, confidence=confidence, per_track=per_track, replayed=done
         )

@@ -41,8 +41,10 @@ class Plots:
 
     def take(self, rows: NDArray[np.intp] | NDArray[np.bool_], target: str | None = None) -> Plots:
         """The plots chosen by an index or a mask, perhaps under another name."""
-        columns = (self.time_s, self.range_m, self.azimuth_rad, self.elevation_rad, self.snr_db)
-        return Plots(self.target if target is None else target, *(c[rows] for c in columns), self.source)
+        return Plots(
+            self.target if target is None else target, self.time_s[rows], self.range_m[rows], self.azimuth_rad[rows],
+            self.elevation_rad[rows], self.snr_db[rows], self.source,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

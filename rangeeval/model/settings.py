@@ -141,6 +141,7 @@ class SensorArray:
     conjugate: bool = False
     targets: int | None = None
     start_bearing_deg: tuple[float, ...] = ()
+    start_rate_deg_s: tuple[float, ...] = ()
     band_hz: tuple[float, ...] = ()
     block_s: float | None = None
     y_axis: str = "right"
@@ -454,6 +455,11 @@ def _check_array(array: SensorArray, where: str) -> None:
         raise SettingsError(
             f"{where}: array.start_bearing_deg gives {len(array.start_bearing_deg)} bearings for "
             f"{array.targets} targets"
+        )
+    if array.start_rate_deg_s and len(array.start_rate_deg_s) != len(array.start_bearing_deg):
+        raise SettingsError(
+            f"{where}: array.start_rate_deg_s gives {len(array.start_rate_deg_s)} rates for "
+            f"{len(array.start_bearing_deg)} start_bearing_deg"
         )
     band = array.band_hz
     if band and not (len(band) == 2 and 0 <= band[0] < band[1]):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -104,6 +105,6 @@ def _velocity(time: Floats, position: Floats, max_gap_s: float) -> Floats:
     edges = np.flatnonzero(np.diff(time) > max_gap_s) + 1
     for rows in np.split(np.arange(len(time)), edges):
         if len(rows) > 1:
-            order = 2 if len(rows) > 2 else 1
-            velocity[rows] = np.gradient(position[rows], time[rows], axis=0, edge_order=order)  # type: ignore[arg-type]
+            order: Literal[1, 2] = 2 if len(rows) > 2 else 1
+            velocity[rows] = np.gradient(position[rows], time[rows], axis=0, edge_order=order)
     return velocity

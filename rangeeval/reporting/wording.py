@@ -93,7 +93,7 @@ FLAGS = {
     "weak-sensor": "a sensor is more than 20 dB weaker than the others.",
     "clipped": "samples of a sensor stand at one extreme value; bearings may be biased.",
     "moving": "sources move within the blocks in which they were counted; their number is uncertain.",
-    "few-sensors": "too few sensors to count all sources that might be there.",
+    "fewer-found": "the first snapshots showed fewer targets than were asked for.",
     "none-found": "no source stood out of the noise.",
     "swapped": "the track ended on another target's truth.",
     "lost": "the track ended farther than 2° from every truth of its own.",

@@ -206,7 +206,7 @@ class _Builder:
         track = np.full(len(self.time), NO_TRACK, np.int64)
         for number, t in enumerate(started):
             track[t.rows] = number
-        shared = ()
+        shared: tuple[tuple[Ints, Floats, Floats], ...] = ()
         if self.rules.method == "pda":
             shared = tuple((np.array(t.rows), np.array(t.polar), np.array(t.sigma)) for t in started)
         return Grouping(track, len(started), self.revisit, batches, shared)
@@ -282,7 +282,7 @@ class _Builder:
 
     def _corrected(self, x: Floats, p: Floats, y: Floats, c: Floats) -> tuple[Floats, Floats, Floats]:
         d = self.d
-        gain = np.linalg.solve(p[:d, :d] + c, p[:d, :]).T
+        gain = np.asarray(np.linalg.solve(p[:d, :d] + c, p[:d, :]).T, np.float64)
         covariance = p - gain @ p[:d, :]
         return x + gain @ (y - x[:d]), 0.5 * (covariance + covariance.T), gain
 

@@ -63,6 +63,11 @@ def paths(snapshots: int = 600) -> Any:
     return np.hstack([-20 + 50 * s, 30 - 50 * s, 50 + 5 * s])
 
 
+def rates(snapshots: int = 600) -> Any:
+    """Of those, in degrees a second."""
+    return tuple(np.array([50.0, -50.0, 5.0]) / (snapshots - 1) / 0.1)
+
+
 def value(result: Any, quantity: str, track: str | None = None, group: str | None = None) -> Any:
     return next(r for r in result.rows if (r.quantity, r.track_id, r.group) == (quantity, track, group))
 
@@ -71,7 +76,9 @@ def value(result: Any, quantity: str, track: str | None = None, group: str | Non
 def crossing() -> Any:
     """Three targets on a line array, with truth, tracked by the default method."""
     truth = paths()
-    trial = trial_of(received(LINE, truth), LINE, truth, start_bearing_deg=tuple(truth[0] + 0.3))
+    trial = trial_of(
+        received(LINE, truth), LINE, truth, start_bearing_deg=tuple(truth[0] + 0.3), start_rate_deg_s=rates()
+    )
     return rangeeval.bearing(trial)
 
 
@@ -83,7 +90,7 @@ def test_crossing_targets_are_held(crossing: Any) -> None:
     assert rms.low < rms.value < rms.high
     assert near.n + far.n == rms.n == 1800
     assert near.n * near.value**2 + far.n * far.value**2 == pytest.approx(rms.n * rms.value**2)
-    assert value(crossing, "bearing_bound_straight").value < rms.value < 1.3 * value(crossing, "bearing_bound").value
+    assert value(crossing, "bearing_bound_straight").value < rms.value < 1.2 * value(crossing, "bearing_bound").value
     bias = value(crossing, "bearing_bias")
     assert bias.low < 0.0 < bias.high
     assert {r.track_id for r in crossing.rows if r.track_id} == {"T0", "T1", "T2"}
@@ -149,15 +156,17 @@ def test_targets_are_counted_when_not_given() -> None:
     assert value(result, "sources_mdl").value == 2
 
 
+@pytest.mark.slow
 def test_the_interval_holds_the_truth() -> None:
-    """Over 40 records of one source, the 95 % interval of the last bearing holds it about as often as promised."""
+    """Over 200 records of one source, the 95 % interval of the last bearing holds it about as often as promised."""
     truth = np.full((200, 1), 12.0)
     held = 0
-    for seed in range(40):
+    for seed in range(200):
         trial = trial_of(received(LINE, truth, 0.0, seed), LINE, start_bearing_deg=(12.3,))
-        row = value(rangeeval.bearing(trial), "bearing_last", "1")
-        held += row.low <= math.radians(12.0) <= row.high
-    assert held >= 35  # 33 or fewer of 40 at 95 %: once in 100
+        last = rangeeval.bearing_tracks(trial)[0].iloc[-1]
+        held += abs(last.bearing_deg - 12.0) < 1.96 * last.sigma_deg
+    print(f"held {held} of 200")
+    assert 183 <= held <= 198  # outside once in 50 at 95 %
 
 
 def test_bins_of_time_give_bearings() -> None:
@@ -224,7 +233,7 @@ def test_truth_may_be_positions() -> None:
 
 
 def broad_band(
-    positions: Any, bearing_deg: float, seconds: float = 60.0, rate: float = 50.0, speed: float = 340.0
+    positions: Any, bearing_deg: float, seconds: float = 30.0, rate: float = 50.0, speed: float = 340.0
 ) -> Any:
     """A wave of noise between 1 and 6 Hz over an array in metres, delayed sample by sample in the frequency domain."""
     rng = np.random.default_rng(4)

@@ -191,7 +191,7 @@ def _look(
             f"({ambiguity.level_db:.1f} dB); sector_deg in [array] says where sources can be",
         ))  # fmt: skip
     known = tracked.targets if tracked is not None else 1
-    if mirrored(recording.geometry, recording.snapshots[:_LOOKED_AT], known):
+    if ambiguity.tells_mirror and mirrored(recording.geometry, recording.snapshots[:_LOOKED_AT], known):
         flags += ("mirrored",)
         problems.append(Problem(
             recording.where,

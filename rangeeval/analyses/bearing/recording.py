@@ -231,7 +231,8 @@ def _apart(
     centre = np.asarray(found.centre_sample)
     when = np.interp(centre, np.arange(len(time)), time)
     step = float(np.median(np.diff(when))) if len(when) > 1 else length / rate
-    return when, step, found.snapshots, found.frequency_hz
+    snapshots = found.snapshots if len(found.frequency_hz) > 1 else found.snapshots[:, 0]
+    return when, step, snapshots, found.frequency_hz
 
 
 def geometry_of(array: SensorArray, frequency_hz: Floats, where: str) -> ArrayGeometry:

@@ -22,7 +22,7 @@ from rangeeval.physics.geodesy import north_up_east
 
 Floats = NDArray[np.float64]
 
-MOST_BOUNDED = 20_000  # snapshots up to which the bound of a track is computed
+MOST_BOUNDED = 5_000  # snapshots up to which the bound of a track is computed
 LIMIT_RAD = math.radians(2.0)
 TAIL = 0.05
 

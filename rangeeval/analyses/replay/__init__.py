@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rangeeval.analyses.replay.against_truth import Compared, compare, error_rows, scene, set_rows
 from rangeeval.analyses.replay.comparing import MAIN, paired_rows
-from rangeeval.analyses.replay.gathering import Gathered, gather_tracks
+from rangeeval.analyses.replay.gathering import COORDINATES, Gathered, gather_tracks
 from rangeeval.analyses.replay.logs import Columns, as_csv, reference_log, residual_log
 from rangeeval.analyses.replay.numbers import (
     Place,
@@ -24,6 +24,8 @@ from rangeeval.analyses.replay.numbers import (
 from rangeeval.analyses.replay.pooled import Updates, pooled
 from rangeeval.analyses.replay.series import series_of
 from rangeeval.analyses.replay.setup import DEFAULT, described, filter_of, modes
+from rangeeval.analyses.replay.tuning import Tuned, tuned_rows
+from rangeeval.analyses.replay.tuning import tune as tune_filter
 from rangeeval.errors import InputError, SettingsError
 from rangeeval.model import Bins, Estimate, Problem, Result, Trial, as_trial, gather
 from rangeeval.model.paths import TruePath, true_paths
@@ -44,6 +46,7 @@ class Replayed:
     spec: AnyFilter
     gathered: Gathered
     runs: tuple[Run, ...]
+    tuned: Tuned | None = None
 
     def residuals(self) -> Columns:
         """The residual log with gains, as columns; `rangeeval accuracy` reads it."""
@@ -74,6 +77,8 @@ def run_replay(
     filter: str | None = None,
     *,
     association: str | None = None,
+    tune: bool = False,
+    confidence: float = 0.95,
     progress: Callable[[int], None] | None = None,
 ) -> Replayed:
     """Run the plots of a trial through a filter; see `replay` for the arguments."""
@@ -86,7 +91,12 @@ def run_replay(
             f"{gathered.log.source}: no track can be formed from {gathered.counts['used']} plots by "
             f"association ({gathered.method}); give target_id, or [replay] max_speed_m_s and update_interval_s"
         )
-    return Replayed(trial, name, spec, gathered, tuple(run_many(spec, [t.measurements for t in gathered.tracks])))
+    tuned = None
+    if tune:
+        tuned = tune_filter(spec, gathered.tracks, gathered.noise.sigma, confidence)
+        spec, gathered = tuned.spec, replace(gathered, noise=tuned.noise(gathered.noise))
+    runs = run_many(spec, [t.measurements for t in gathered.tracks])
+    return Replayed(trial, name, spec, gathered, tuple(runs), tuned)
 
 
 def replay(
@@ -96,6 +106,7 @@ def replay(
     filter: str | None = None,
     compare: bool | Sequence[str] = False,
     association: str | None = None,
+    tune: bool = False,
     confidence: float = 0.95,
     per_track: bool = False,
     progress: Callable[[int], None] | None = None,
@@ -113,6 +124,7 @@ def replay(
         trial's settings, else `imm`.
     compare : also run the other two (or those named), with paired differences.
     association : `id`, `nearest`, `global` or `pda`; by default by target_id where the log has it, else global.
+    tune : first find the noise and manoeuvre parameters that make the plots likeliest (Kalman and IMM filters).
     confidence : of the two-sided intervals, and of the acceptance regions of NIS and NEES.
     per_track : also rows for each track in each bin.
     progress : called with the number of rows read.
@@ -130,11 +142,13 @@ def replay(
     bins = bins or Bins.of(trial.settings.bins)
     if not 0.0 < confidence < 1.0:
         raise SettingsError(f"confidence is {confidence:g}, expected more than 0 and less than 1")
-    done = replayed or run_replay(trial, filter, association=association, progress=progress)
+    done = replayed or run_replay(
+        trial, filter, association=association, tune=tune, confidence=confidence, progress=progress
+    )
     gathered, runs = done.gathered, done.runs
     u = pooled(gathered.tracks, runs)
     names = [t.name for t in gathered.tracks]
-    rows = noise_rows(gathered)
+    rows = noise_rows(gathered) + (tuned_rows(done.tuned) if done.tuned else [])
     problems = [*gathered.problems, *_told(u, gathered)]
     paths, said = _paths(trial)
     problems += said
@@ -161,7 +175,8 @@ def replay(
             "measurement_noise": dict(
                 zip(("range_m", "azimuth_rad", "elevation_rad"), gathered.noise.sigma, strict=True)
             ),
-            "measurement_noise_from": dict(zip(("range", "azimuth", "elevation"), gathered.noise.origin, strict=True)),
+            "measurement_noise_from": {c: gathered.noise.origin[k] for k, c in enumerate(_measured(gathered))},
+            "tuned": done.tuned.as_settings() if done.tuned else None,
             "association": gathered.method,
             "usual_interval_s": gathered.interval_s,
             "axes": "x east, y north, z up",
@@ -221,6 +236,8 @@ def _compared(
         rows += _place_rows(u, place, bins, confidence, gathered, against)
     for name in chosen:
         spec = filter_of(name, done.trial, gathered.interval_s)
+        if done.tuned and not isinstance(spec, AlphaBeta):
+            spec = tune_filter(spec, gathered.tracks, done.tuned.given, confidence).spec
         runs = run_many(spec, [t.measurements for t in gathered.tracks])
         other = others[name] = pooled(gathered.tracks, runs)
         found = compare_with(gathered, runs, paths, done.trial) if paths else None
@@ -253,6 +270,11 @@ def _told(u: Updates, gathered: Gathered) -> list[Problem]:
         text = "tracks with too few plots for a single update: no estimate"
         said.append(Problem(gathered.log.source, text, 0, tuple(f"track {n}" for n in short[:3])))
     return said
+
+
+def _measured(gathered: Gathered) -> tuple[str, ...]:
+    """The coordinates that any plot has."""
+    return COORDINATES[:2] if all(t.plots.planar for t in gathered.tracks) else COORDINATES
 
 
 def _split(values: Floats, runs: Sequence[Run]) -> list[Floats]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from rangeeval.analyses.replay.gathering import Gathered
 from rangeeval.analyses.replay.numbers import Place
@@ -17,6 +16,7 @@ from rangeeval.model import Bins, Estimate
 from rangeeval.model.paths import TruePath, partner
 from rangeeval.model.settings import ReplaySettings
 from rangeeval.physics.polar import polar
+from rangeeval.stats.consistency import average_bounds, normalised_squares
 from rangeeval.stats.mean_square import Interval, mean, rms
 from rangeeval.stats.proportions import wilson_interval
 from rangeeval.stats.track_quality import (
@@ -110,14 +110,15 @@ def _sigmas(state: Floats, covariance: Floats, true: Floats, own: ReplaySettings
     d = 2 if planar else 3
     away = state[:, :d] - true[:, :d]
     s = np.nan_to_num(covariance[:, :d, :d]) + np.eye(d) * (FLOOR_SHARE * own.ospa_cutoff_m) ** 2
-    known = np.isfinite(away).all(axis=1)
+    known = np.isfinite(away.sum(axis=1))
     solved = np.linalg.solve(s, np.where(known[:, None], away, 0.0)[..., None])[..., 0]
     return np.where(known, np.sqrt(np.maximum(np.sum(away * solved, axis=1), 0.0)), np.nan)
 
 
 def error_rows(u: Updates, found: Compared, place: Place, confidence: float, flags: Sequence[str]) -> list[Estimate]:
     """Root mean square by axis, of position, velocity and prediction, and the NEES, of the rows of a place."""
-    used = place.rows & u.used & np.isfinite(found.error[:, 0])
+    # Plots that the filter did not use count: leaving them out would flatter a filter that loses its target.
+    used = place.rows & u.tracked & np.isfinite(found.error[:, 0])
     if not used.any():
         return []
     mark = u.track[used]
@@ -134,33 +135,16 @@ def error_rows(u: Updates, found: Compared, place: Place, confidence: float, fla
     }  # fmt: skip
     for name, (unit, e) in lengths.items():
         rows.append(place.row(name, unit, rms(np.linalg.norm(e, axis=1), confidence, mark), flags))
-    nees, dof = _nees(found.error[used], u.covariance[used], planar)
-    if np.isfinite(nees).any():
-        value = mean(nees, confidence, mark)
-        n = int(np.count_nonzero(np.isfinite(nees)))
-        tail = (1 - confidence) / 2
-        low, high = (float(chdtri(dof * n, p)) / n for p in (1 - tail, tail))
-        verdict = ["optimistic"] if value.value > high else ["pessimistic"] if value.value < low else []
-        rows.append(
-            place.row(
-                "nees_mean", "1", value, [*flags, *verdict], expected=float(dof), accept_low=low, accept_high=high
-            )
-        )
-    return rows
-
-
-def _nees(error: Floats, covariance: Floats, planar: bool) -> tuple[Floats, int]:
     keep = [0, 1, 3, 4] if planar else [0, 1, 2, 3, 4, 5]
-    e, p = error[:, keep], covariance[:, keep][:, :, keep]
-    good = np.isfinite(e).all(axis=1) & np.isfinite(p).all(axis=(1, 2))
-    found = np.full(len(e), np.nan)
-    if good.any():
-        try:
-            solved = np.linalg.solve(p[good], e[good][..., None])[..., 0]
-        except np.linalg.LinAlgError:
-            solved = np.einsum("nij,nj->ni", np.linalg.pinv(p[good]), e[good])
-        found[good] = np.sum(e[good] * solved, axis=1)
-    return found, len(keep)
+    nees = normalised_squares(found.error[used][:, keep], u.covariance[used][:, keep][:, :, keep])
+    n = int(np.count_nonzero(np.isfinite(nees)))
+    if n:
+        value, dof = mean(nees, confidence, mark), len(keep)
+        low, high = (dof * float(v) for v in average_bounds(dof, n, confidence))
+        verdict = ["optimistic"] if value.value > high else ["pessimistic"] if value.value < low else []
+        more = {"expected": float(dof), "accept_low": low, "accept_high": high}
+        rows.append(place.row("nees_mean", "1", value, [*flags, *verdict], **more))
+    return rows
 
 
 # --- sets of tracks against sets of truths ---------------------------------------------------------------------------

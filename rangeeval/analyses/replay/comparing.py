@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,25 +27,22 @@ def paired_rows(
     """
     rows: list[Estimate] = []
     for name, other in others.items():
-        both = u.used & other.used
-        place = Place(both, group=f"{name} less {chosen}")
-        if not both.any():
-            continue
-        for quantity, unit, difference in _differences(name, chosen, u, other, errors, both):
-            found = mean(difference, confidence, u.track[both])
-            rows.append(place.row(quantity, unit, found, _verdict(found, quantity)))
+        for quantity, unit, both, difference in _differences(name, chosen, u, other, errors):
+            place = Place(both, group=f"{name} less {chosen}")
+            found = mean(difference[both], confidence, u.track[both])
+            if found.n:
+                rows.append(place.row(quantity, unit, found, _verdict(found, quantity)))
     return rows
 
 
 def _differences(
-    name: str, chosen: str, u: Updates, other: Updates, errors: Mapping[str, Floats], both: NDArray[np.bool_]
-) -> Sequence[tuple[str, str, Floats]]:
-    found = [("log_likelihood_difference", "1", (other.log_likelihood - u.log_likelihood)[both])]
+    name: str, chosen: str, u: Updates, other: Updates, errors: Mapping[str, Floats]
+) -> Iterator[tuple[str, str, NDArray[np.bool_], Floats]]:
+    """Quantity, unit, the rows that both filters have, and the difference at every row."""
+    yield "log_likelihood_difference", "1", u.used & other.used, other.log_likelihood - u.log_likelihood
     if name in errors and chosen in errors:
         square = (errors[name] ** 2).sum(axis=1) - (errors[chosen] ** 2).sum(axis=1)
-        if np.isfinite(square[both]).any():
-            found.append(("squared_error_difference", "m^2", square[both]))
-    return found
+        yield "squared_error_difference", "m^2", u.tracked & other.tracked & np.isfinite(square), square
 
 
 def _verdict(found: Interval, quantity: str) -> list[str]:

@@ -166,9 +166,8 @@ def _associated(log: PlotLog, method: str, trial: Trial) -> tuple[tuple[Track, .
 
 
 def _merged(log: PlotLog) -> Plots:
-    columns = [
+    time, distance, azimuth, elevation, snr = (
         np.concatenate([getattr(p, name) for p in log.targets])
         for name in ("time_s", "range_m", "azimuth_rad", "elevation_rad", "snr_db")
-    ]
-    order = np.argsort(columns[0], kind="stable")
-    return Plots("", *(c[order] for c in columns), log.source)
+    )
+    return Plots("", time, distance, azimuth, elevation, snr, log.source).take(np.argsort(time, kind="stable"))

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from rangeeval.analyses.replay.gathering import COORDINATES, Gathered, Noise
 from rangeeval.analyses.replay.pooled import Updates
 from rangeeval.model import Bins, Estimate
+from rangeeval.stats.consistency import average_bounds
 from rangeeval.stats.correlation import lag_sums, ljung_box
 from rangeeval.stats.mean_square import Interval, mean, sigma
 from rangeeval.tracking.runs import Flag
@@ -115,8 +115,8 @@ def nis_bounds(dof: NDArray[np.int64], confidence: float) -> tuple[float, float]
     total, n = float(dof.sum()), len(dof)
     if not n:
         return math.nan, math.nan
-    tail = (1 - confidence) / 2
-    return float(chdtri(total, 1 - tail)) / n, float(chdtri(total, tail)) / n
+    low, high = average_bounds(total, 1, confidence)
+    return float(low) * total / n, float(high) * total / n
 
 
 def common_flags(u: Updates, place: Place, bins: Bins, n: int, noise: Noise) -> list[str]:
@@ -195,7 +195,7 @@ def noise_rows(gathered: Gathered) -> list[Estimate]:
         if name == "elevation" and planar:
             continue
         found = noise.estimates.get(name, Interval(noise.sigma[k], math.nan, math.nan, 0, math.nan))
-        flags = {"given": "given", "estimated": "from-scatter", "assumed": "assumed-noise"}[noise.origin[k]]
+        flags = {"estimated": "from-scatter", "assumed": "assumed-noise"}.get(noise.origin[k], noise.origin[k])
         rows.append(Estimate(
             quantity=f"{name}_noise", unit=UNITS[name], value=noise.sigma[k], low=found.low, high=found.high, n=found.n,
             n_eff=found.n_eff, flags=(flags,),

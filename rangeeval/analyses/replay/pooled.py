@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +46,12 @@ class Updates:
     @property
     def used(self) -> BoolArray:
         """The updates that entered the likelihood."""
-        return self.dof > 0
+        return np.greater(self.dof, 0)
+
+    @property
+    def tracked(self) -> BoolArray:
+        """The rows at which a track went on: with a prediction, whether or not the plot was used."""
+        return np.isfinite(self.predicted_state[:, 0])
 
     @property
     def whitened(self) -> Floats:
@@ -55,7 +61,7 @@ class Updates:
 
     def having(self, flag: Flag) -> BoolArray:
         """Rows at which something happened."""
-        return (self.flags & int(flag)) != 0
+        return np.not_equal(self.flags & int(flag), 0)
 
     def variable(self, bins: Bins) -> Floats:
         """What rows are binned by. Raises SettingsError for a variable that plots do not have."""
@@ -73,7 +79,7 @@ class Updates:
 def pooled(tracks: Sequence[Track], runs: Sequence[Run]) -> Updates:
     """The rows of all runs together."""
 
-    def joined(parts: list[NDArray[np.generic]], shape: tuple[int, ...] = ()) -> NDArray[np.generic]:
+    def joined(parts: Sequence[NDArray[Any]], shape: tuple[int, ...] = ()) -> NDArray[Any]:
         return np.concatenate(parts) if parts else np.empty((0, *shape))
 
     spread = []
@@ -99,4 +105,4 @@ def pooled(tracks: Sequence[Track], runs: Sequence[Run]) -> Updates:
         elevation_rad=joined([p[:, 2] for p in z]),
         snr_db=joined([t.plots.snr_db for t in tracks]),
         flags=joined([r.flags for r in runs]).astype(np.int64),
-    )  # type: ignore[arg-type]
+    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +29,7 @@ def filter_of(name: str, trial: Trial, interval_s: float) -> AnyFilter:
     if name not in FILTERS:
         raise SettingsError(f"filter '{name}' is not known; {did_you_mean(name, FILTERS)}")
     own, spec = trial.settings.replay, FILTERS[name]
-    common = {
+    common: dict[str, Any] = {
         "gate_probability": GATE_PROBABILITY if own.gate_probability is None else own.gate_probability,
         "restart_after": RESTART_AFTER if own.restart_after is None else own.restart_after,
         "restart_gap_s": max(RESTART_GAP_S, 10.0 * interval_s) if own.restart_gap_s is None else own.restart_gap_s,

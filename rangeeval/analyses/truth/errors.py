@@ -43,8 +43,10 @@ class Errors:
 
     def take(self, rows: NDArray[np.bool_]) -> Errors:
         """The rows of a mask."""
-        columns = (self.error, self.true, self.rate, self.speed_m_s, self.time_s, self.snr_db, self.target)
-        return Errors(*(c[rows] for c in columns), self.names)
+        return Errors(
+            self.error[rows], self.true[rows], self.rate[rows], self.speed_m_s[rows], self.time_s[rows],
+            self.snr_db[rows], self.target[rows], self.names,
+        )  # fmt: skip
 
 
 def errors_of(pairs: Sequence[Pair], offset_s: float = 0.0) -> Errors:
@@ -62,10 +64,10 @@ def errors_of(pairs: Sequence[Pair], offset_s: float = 0.0) -> Errors:
                       np.full(len(plots), number)))  # fmt: skip
     names = tuple(pair.plots.target for pair in pairs)
     if not parts:
-        none = np.empty((0, 3))
-        return Errors(none, none, none, *(np.empty(0) for _ in range(3)), np.empty(0, np.int64), names)
-    columns = [np.concatenate(c) for c in zip(*parts, strict=True)]
-    return Errors(*columns[:6], columns[6].astype(np.int64), names)
+        none, nothing = np.empty((0, 3)), np.empty(0)
+        return Errors(none, none, none, nothing, nothing, nothing, np.empty(0, np.int64), names)
+    error, true, rate, velocity, time, snr, target = (np.concatenate(c) for c in zip(*parts, strict=True))
+    return Errors(error, true, rate, velocity, time, snr, target.astype(np.int64), names)
 
 
 @dataclass(frozen=True)

@@ -51,7 +51,7 @@ def sections(result: Result) -> list[Section]:
 
 def summary_figure(result: Result) -> Figure:
     """The tracks, for the summary page; where there is none, what the beamformer heard."""
-    return _track_figure(result, "normal") if _names(result) else _waterfall(result)
+    return _track_figure(result, "normal") if _names(result) else waterfall_figure(result)
 
 
 def short_tables(result: Result, caption: str, *, summary: bool = False) -> list[Table]:
@@ -171,7 +171,7 @@ def _overview(result: Result) -> list[Block]:
         ))  # fmt: skip
     if not _names(result):
         blocks.append(Notice("No source stood out of the noise, so no track was begun.", "caution", "No track"))
-        return [*blocks, _array(result), _waterfall(result), *flag_notices(result)]
+        return [*blocks, _array(result), waterfall_figure(result), *flag_notices(result)]
     blocks.append(_targets(result, f"Targets, with {s['confidence'] * 100:g} % intervals"))
     if errors := _errors(result):
         blocks.append(errors)
@@ -181,7 +181,7 @@ def _overview(result: Result) -> list[Block]:
             "good filter lies between the two."
         ))  # fmt: skip
     blocks.append(_track_figure(result, "tall"))
-    blocks += [_waterfall(result), _array(result)]
+    blocks += [waterfall_figure(result), _array(result)]
     return [*blocks, *flag_notices(result)]
 
 
@@ -241,7 +241,8 @@ def _tracks(result: Result) -> Panel:
     return Panel("Bearings", _time_label(result), "Bearing (°)", _marks(result, bands=True), share_x="time")
 
 
-def _waterfall(result: Result) -> Figure:
+def waterfall_figure(result: Result) -> Figure:
+    """The beamformer over time, with the tracks over it."""
     data = result.series["waterfall"]
     x = [float(v) for v in data["time_edge_s"]]
     y = [float(v) * _DEGREES.scale for v in data["bearing_edge_rad"]]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from rangeeval.model import Estimate, Result
@@ -62,7 +63,7 @@ def short_tables(result: Result, caption: str, *, summary: bool = False) -> list
     """What a terminal and the summary show: consistency and errors, bin by bin, and filters compared."""
     if summary:
         return [_bin_table(result, caption, _NARROW)]
-    found = (_noise_table(result), _filter_table(result), _paired_table(result))
+    found = (_noise_table(result), _tuned_table(result), _filter_table(result), _paired_table(result))
     return [_bin_table(result, caption), *(t for t in found if t)]
 
 
@@ -122,6 +123,25 @@ def _noise_table(result: Result) -> Table:
     return Table("Measurement noise given to the filter", ["Coordinate", "σ", "Unit", "Where from"], body, "lrll")
 
 
+def _tuned_table(result: Result) -> Table | None:
+    body: list[list[str | Cell]] = []
+    for r in result.rows:
+        if r.quantity.startswith("tuned_") and not r.quantity.endswith(
+            ("range_noise", "azimuth_noise", "elevation_noise")
+        ):
+            unit = {"m_s2": "m/s²", "rad_s": "rad/s"}.get(r.unit, "")
+            words = r.quantity.removeprefix("tuned_").replace("_", " ")
+            body.append([words, estimate_text(replace(r, unit=unit)), unit, flags_text(r.flags)])
+        elif r.quantity.startswith("tuning_gain"):
+            where = " on tracks held out" if r.quantity.endswith("held_out") else ""
+            body.append([f"gain in log-likelihood per update{where}", estimate_text(r), "", flags_text(r.flags)])
+    if not body:
+        return None
+    return Table(
+        "Tuned to the plots (numbers count the filter's models)", ["Parameter", "Value", "Unit", "Flags"], body, "lrll"
+    )
+
+
 def _verdict(result: Result) -> list[Block]:
     """Whether the filter fits, in words."""
     row = _whole(result, "nis_ratio")
@@ -141,6 +161,7 @@ def _verdict(result: Result) -> list[Block]:
 def _overview(result: Result) -> list[Block]:
     s = result.settings
     blocks: list[Block] = [*_verdict(result), _noise_table(result)]
+    blocks += [tuned] if (tuned := _tuned_table(result)) else []
     blocks.append(_bin_table(result, f"Every bin, with {s['confidence'] * 100:g} % intervals", _NARROW))
     drawn = _trajectory(result)
     blocks += [drawn] if drawn else []
@@ -154,35 +175,35 @@ def _named(result: Result, prefix: str) -> list[tuple[str, Any]]:
 def _trajectory(result: Result) -> Figure | None:
     above, height = [], []
     for number, (name, data) in enumerate(_named(result, "trajectory/"), start=1):
-        east, north, up = (_numbers(data[c]) for c in ("east_m", "north_m", "up_m"))
+        east, north = (_numbers(data[c]) for c in ("east_m", "north_m"))
         x, y = ([1e-3 * v for v in values] for values in (east, north))
         role = f"group{number}"
         above.append(Mark("line", x, y, label=f"track {name}", role=role))
         across = [math.hypot(a, b) for a, b in zip(x, y, strict=True)]
-        height.append(Mark("line", across, [1e-3 * v for v in up], role=role))
+        if "up_m" in data:
+            height.append(Mark("line", across, [1e-3 * v for v in _numbers(data["up_m"])], role=role))
     for number, (_, data) in enumerate(_named(result, "truth/")):
         x, y = ([1e-3 * v for v in _numbers(data[c])] for c in ("east_m", "north_m"))
         above.append(Mark("line", x, y, label="truth" if not number else "", role="reference"))
-        up = [1e-3 * v for v in _numbers(data["up_m"])]
-        height.append(Mark("line", [math.hypot(a, b) for a, b in zip(x, y, strict=True)], up, role="reference"))
+        if "up_m" in data:
+            up = [1e-3 * v for v in _numbers(data["up_m"])]
+            height.append(Mark("line", [math.hypot(a, b) for a, b in zip(x, y, strict=True)], up, role="reference"))
     if not above:
         return None
+    panels = [Panel("From above", "East (km)", "North (km)", above)]
+    panels += [Panel("Height", "Ground range (km)", "Up (km)", height)] if height else []
     return Figure(
-        "The filtered trajectory of the longest tracks, from above and in height over ground range.",
+        "The filtered trajectory of the longest tracks, from above"
+        + (", and in height over ground range." if height else "; there is no elevation, so in the slant plane."),
         f"Paths of {len(_named(result, 'trajectory/'))} tracks around the radar.",
-        [
-            [
-                Panel("From above", "East (km)", "North (km)", above),
-                Panel("Height", "Ground range (km)", "Up (km)", height),
-            ]
-        ],
+        [panels],
     )
 
 
 def _innovations(result: Result) -> list[Block]:
     names = list(dict.fromkeys(k.split("/", 2)[2] for k in result.series if k.startswith("innovation/")))
     blocks: list[Block] = []
-    for name in names[:3]:
+    for name in names[:2]:
         panels = []
         for c in _COORDINATES:
             data = result.series.get(f"innovation/{c}/{name}")
@@ -192,8 +213,7 @@ def _innovations(result: Result) -> list[Block]:
             unit = shown("m" if c == "range" else "rad")
             line = [v * unit.scale for v in _numbers(bound["value"])]
             marks = [
-                Mark("band", _numbers(bound["time_s"]), low=[-v for v in line], high=line, label="±2σ of the filter",
-                     role="predicted"),
+                *_bands(_numbers(bound["time_s"]), line),
                 Mark("points", _numbers(data["time_s"]), [v * unit.scale for v in _numbers(data["value"])],
                      label="innovation", role="measured"),
             ]  # fmt: skip
@@ -220,6 +240,21 @@ def _innovations(result: Result) -> list[Block]:
     return blocks
 
 
+def _bands(time: Sequence[float], line: Sequence[float]) -> list[Mark]:
+    """The bounds as a band for each stretch without a gap; only the first is listed in the legend."""
+    pieces: list[tuple[list[float], list[float]]] = [([], [])]
+    for t, v in zip(time, line, strict=True):
+        if math.isfinite(v):
+            pieces[-1][0].append(t)
+            pieces[-1][1].append(v)
+        elif pieces[-1][0]:
+            pieces.append(([], []))
+    return [
+        Mark("band", x, low=[-v for v in y], high=y, label="" if k else "±2σ of the filter", role="predicted")
+        for k, (x, y) in enumerate(p for p in pieces if len(p[0]) > 1)
+    ]
+
+
 def _modes(result: Result) -> list[Block]:
     words = list(result.settings.get("modes") or [])
     panels = []
@@ -234,7 +269,7 @@ def _modes(result: Result) -> list[Block]:
         return []
     return [Figure(
         "How probable each motion model is after every plot. A switch that lasts is a manoeuvre; flicker says that the "
-        "models are too alike for this noise.", "Probabilities of the models over time.", panels[:4],
+        "models are too alike for this noise.", "Probabilities of the models over time.", panels[:3],
     )]  # fmt: skip
 
 
@@ -337,8 +372,6 @@ def _truth(result: Result) -> list[Block]:
 
 def _plain_squares(row: Estimate | None) -> Estimate | None:
     """A row in m^2 that is no radar cross section: shown as it is, not in dBsm."""
-    from dataclasses import replace
-
     return replace(row, unit="m²") if row is not None and row.unit == "m^2" else row
 
 
@@ -371,7 +404,7 @@ def _tracks(result: Result) -> list[Block]:
     if len(found) < 2:
         return []
     body: list[list[str | Cell]] = [
-        [line.first.track_id or "", plain_number(line.of["updates"].value, 6), estimate_text(line.of["nis_ratio"]),
+        [line.first.track_id or "", f"{line.of['updates'].value:.0f}", estimate_text(line.of["nis_ratio"]),
          plain_number(line.of["log_likelihood"].value, 6), flags_text(line.flags)]
         for line in found[:MANY]
     ]  # fmt: skip

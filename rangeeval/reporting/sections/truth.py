@@ -156,6 +156,6 @@ def _method(result: Result) -> list[Block]:
         "Truth was interpolated to the time of every plot by cubics through neighbouring points, never over a gap "
         f"(longest allowed here: {longest:g} s). Bias is the mean error; σ its scatter about that mean; RMS both "
         "together. Intervals count the memory of the errors, so slow wander widens them. The time offset is the slope "
-        "of the errors over the rates of range, azimuth and elevation, all together; it cannot be told from a bias while "
-        "the rates stay the same."
+        "of the errors over the rates of range, azimuth and elevation, all together; it cannot be told from a bias "
+        "while the rates stay the same."
     )]  # fmt: skip
