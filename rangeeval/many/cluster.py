@@ -98,7 +98,7 @@ def cluster_client(address: str) -> Iterator[Any]:
 
 def _check_scheme(address: str) -> None:
     """Raise ValueError for an address of an unknown kind, on which a client would leave threads behind."""
-    from distributed.comm import parse_address
+    from distributed.comm.addressing import parse_address
     from distributed.comm.registry import get_backend
 
     get_backend(parse_address(address)[0])
