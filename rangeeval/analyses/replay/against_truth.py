@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,7 +139,7 @@ def error_rows(u: Updates, found: Compared, place: Place, confidence: float, fla
     nees = normalised_squares(found.error[used][:, keep], u.covariance[used][:, keep][:, :, keep])
     n = int(np.count_nonzero(np.isfinite(nees)))
     if n:
-        value, dof = mean(nees, confidence, mark), len(keep)
+        value, dof = mean(nees, confidence, mark).from_zero(), len(keep)
         low, high = (dof * float(v) for v in average_bounds(dof, n, confidence))
         verdict = ["optimistic"] if value.value > high else ["pessimistic"] if value.value < low else []
         more = {"expected": float(dof), "accept_low": low, "accept_high": high}
@@ -200,7 +200,7 @@ def set_rows(s: Scene, names: Sequence[str], bins: Bins, own: ReplaySettings, co
         g.append(gospa(apart, cutoff, ORDER))
     whole = Place(np.ones(0, bool))
     rows = [
-        whole.row(name, unit, _from_zero(mean(values, confidence)))
+        whole.row(name, unit, mean(values, confidence).from_zero())
         for name, unit, values in (
             ("ospa", "m", [v.total for v in o]),
             ("ospa_localisation", "m", [v.localisation for v in o]),
@@ -226,11 +226,6 @@ def set_rows(s: Scene, names: Sequence[str], bins: Bins, own: ReplaySettings, co
     if pure:
         rows.append(whole.row("track_purity", "1", mean(np.array(pure), confidence)))
     return rows
-
-
-def _from_zero(found: Interval) -> Interval:
-    """The interval of a distance, which cannot be negative."""
-    return replace(found, low=max(found.low, 0.0)) if math.isfinite(found.low) else found
 
 
 def associate(s: Scene, own: ReplaySettings) -> Association:
