@@ -69,8 +69,7 @@ def mean(values: ArrayLike, confidence: float = 0.95, stretch: ArrayLike | None 
     """Mean of samples (n) with memory; its interval is missing for fewer than 4.
 
     The long-run variance (Newey and West, square root of n lags, 40 at most) is never taken to be less than that of
-    white samples:
-    a filter's residuals may well alternate, but nothing is gained by believing in it.
+    white samples: a filter's residuals may well alternate, but nothing is gained by believing in it.
     """
     x, mark = _finite(values, stretch)
     n = x.size
