@@ -85,8 +85,7 @@ def gates(probability: float) -> FloatArray:
     """Chi-square quantiles (3,) of 1, 2 and 3 degrees of freedom; infinite for probability 1."""
     if probability == 1.0:
         return np.full(3, math.inf)
-    limits: FloatArray = 2.0 * special.gammaincinv(_HALF_DOF, probability)
-    return limits
+    return np.asarray(2.0 * special.gammaincinv(_HALF_DOF, probability), dtype=np.float64)
 
 
 def generator(pi: FloatArray) -> FloatArray:

@@ -37,8 +37,8 @@ def sound(found):
 
 
 def filterpy_imm(measurements, spec):
-    """filterpy's IMM of two extended Kalman filters, both with nine states: that of straight flight has its turn rate drawn
-    anew after each update.
+    """filterpy's IMM of two extended Kalman filters, both with nine states: that of straight flight has its turn rate
+    drawn anew after each update.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -141,7 +141,9 @@ def test_many_tracks_give_the_bits_of_one_by_one(name):
 @pytest.mark.parametrize("name", [*FILTERS])
 @pytest.mark.parametrize("turned", [1.0, 2.5, -2.0])
 def test_north_is_nowhere_special(name, turned):
-    """Turning the whole scene about the vertical, through north and through the cut at 180 degrees, turns the states."""
+    """Turning the whole scene about the vertical, through north and through the cut at 180 degrees, turns the
+    states.
+    """
     c, s = math.cos(turned), math.sin(turned)
     matrix = np.kron(np.eye(2), np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]))
     plain, found = run(FILTERS[name], track(1)), run(FILTERS[name], track(1, turned=turned))
@@ -327,7 +329,9 @@ def test_a_plot_at_the_zenith_gives_its_range_only():
 
 
 def test_gains_are_the_weights_of_a_residual_along_and_across_the_line_of_sight():
-    """For alpha-beta they are its own; a Kalman filter in steady motion has the alpha and beta of its tracking index."""
+    """For alpha-beta they are its own; a Kalman filter in steady motion has the alpha and beta of its tracking
+    index.
+    """
     steps, sigma = 400, np.array([20.0, 2e-6, 2e-6])
     times = np.arange(steps, dtype=float)
     z = np.column_stack([1e7 + 1.0 * times, np.full(steps, 0.3), np.zeros(steps)])

@@ -23,7 +23,9 @@ def start(m):
 
 
 def test_rts_is_the_batch_least_squares_solution():
-    """With converted plots all is linear: one large weighted least-squares problem has the same states and covariances."""
+    """With converted plots all is linear: one large weighted least-squares problem has the same states and
+    covariances.
+    """
     m = track(1, steps=14)
     found = smooth(run(LINEAR, m, detail=True))
     x0, p0 = start(m)
@@ -111,7 +113,9 @@ def test_smoothed_probabilities_come_nearer_to_those_of_every_sequence_of_models
 
 @pytest.mark.parametrize("name", ["imm", "imm-paper", "imm3", "kalman"])
 def test_smoothing_beats_filtering_over_many_flights(name):
-    """Over twenty flights the RMS error of position falls by a quarter or more, and stays consistent with its covariance."""
+    """Over twenty flights the RMS error of position falls by a quarter or more, and stays consistent with its
+    covariance.
+    """
     truth = flight()[1]
     runs = [run(FILTERS[name], track(seed), detail=True) for seed in range(20)]
     found = smooth_many(runs)
