@@ -166,8 +166,8 @@ def scene(gathered: Gathered, runs: Sequence[Run], paths: Mapping[str, TruePath]
     time = [run.measurements.time_s for run in runs]
     step = max(gathered.interval_s, 1e-3)
     first, last = min(float(t[0]) for t in time), max(float(t[-1]) for t in time)
-    alive = sum(float(t[-1] - t[0]) for t in time) / max(last - first, step)  # tracks at a time, on average
-    room = min(SCANS, int(PAIRS / (max(alive, 1.0) * max(len(paths), 1))), int(PAIRS / len(runs)))
+    at_once = sum(float(t[-1] - t[0]) for t in time) / max(last - first, step)  # tracks at a time, on average
+    room = min(SCANS, int(PAIRS / (max(at_once, 1.0) * max(len(paths), 1))), int(PAIRS / len(runs)))
     count_ = max(min(int((last - first) / step) + 1, room), 2)
     at = np.linspace(first, last, count_)
     tracks = np.full((count_, len(runs), 3), np.nan)
