@@ -180,6 +180,7 @@ def scene(gathered: Gathered, runs: Sequence[Run], paths: Mapping[str, TruePath]
         t = run.measurements.time_s[alive]
         k = np.searchsorted(t, at + 1e-9, side="right") - 1
         there = (k >= 0) & (at <= t[-1] + 0.5 * step)
+        there &= at - t[np.maximum(k, 0)] <= run.filter.restart_gap_s  # longer, and the track was given up meanwhile
         rows, dt = alive[k[there]], at[there] - t[k[there]]
         there_rows = np.flatnonzero(there)
         tracks[there_rows, i] = run.state[rows, :3] + run.state[rows, 3:] * dt[:, None]
