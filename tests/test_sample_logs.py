@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rangeeval
-from rangeeval.scenarios import simulate_alpha_beta, simulate_attitude, simulate_bearing
+from rangeeval.scenarios import simulate_alpha_beta, simulate_attitude, simulate_bearing, simulate_imm
 from tests import legacy
 
 SAMPLES = Path(__file__).resolve().parents[1] / "sample_logs"
@@ -29,6 +29,12 @@ def test_attitude_is_made_again_byte_for_byte(tmp_path: Path) -> None:
     """`rangeeval simulate attitude -o sample_logs/attitude --seed 1` gives the same bytes."""
     simulate_attitude(tmp_path, seed=1)
     assert _bytes(tmp_path) == _bytes(SAMPLES / "attitude")
+
+
+def test_imm_is_made_again_byte_for_byte(tmp_path: Path) -> None:
+    """`rangeeval simulate imm -o sample_logs/imm --seed 1` gives the same bytes."""
+    simulate_imm(tmp_path, seed=1)
+    assert _bytes(tmp_path) == _bytes(SAMPLES / "imm")
 
 
 def test_bearing_is_made_again(tmp_path: Path) -> None:

@@ -19,8 +19,8 @@ FloatArray = NDArray[np.float64]
 def normalised_squares(error: ArrayLike, covariance: ArrayLike) -> FloatArray:
     """e' P^-1 e (...) of errors (..., n) with covariances (..., n, n): NEES of errors, NIS of innovations.
 
-    Components that are missing (NaN) are left out with their rows and columns; NaN where none is left or the covariance of
-    those left is not positive definite. Angles must be wrapped.
+    Components that are missing (NaN) are left out with their rows and columns; NaN where none is left or the covariance
+    of those left is not positive definite. Angles must be wrapped.
     """
     e = np.asarray(error, dtype=np.float64)
     p = np.array(np.broadcast_to(np.asarray(covariance, dtype=np.float64), (*e.shape, e.shape[-1])))
@@ -56,7 +56,8 @@ def average_bounds(dof: ArrayLike, count: ArrayLike, confidence: float = 0.95) -
 class Consistency:
     """The average of normalised squares per degree of freedom, and the bounds it should lie in.
 
-    `verdict`: `consistent`, `optimistic` (errors larger than the filter believes), `pessimistic`, or `unknown` without data.
+    `verdict`: `consistent`, `optimistic` (errors larger than the filter believes), `pessimistic`, or `unknown` without
+    data.
     """
 
     average: float
@@ -105,8 +106,8 @@ class Whiteness:
 def whiteness(innovation: ArrayLike, sigma: ArrayLike = 1.0, confidence: float = 0.95) -> Whiteness:
     """Lag-one autocorrelation of innovations (n), each divided by its `sigma`, without removing a mean.
 
-    Innovations of a matched filter have zero mean and no correlation. Pairs with a missing member are left out; `count` is
-    the number of pairs.
+    Innovations of a matched filter have zero mean and no correlation. Pairs with a missing member are left out; `count`
+    is the number of pairs.
     """
     u = np.asarray(innovation, dtype=np.float64) / np.asarray(sigma, dtype=np.float64)
     both = np.isfinite(u[1:]) & np.isfinite(u[:-1])

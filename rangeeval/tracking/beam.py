@@ -47,9 +47,9 @@ def run_tracks(
 ) -> None:
     """Run every track, rows offsets[i] to offsets[i + 1], through the filter.
 
-    `fixed` (6): alpha and beta of range, y, z, or NaN for gains by the tracking index with `design` m/s^2; `heading`: of the
-    boresight counter-clockwise from x, NaN for an antenna that turns; `limits` (3, 3): factor on the sigmas, gate and absurd
-    NIS by degrees of freedom; `rows` (n, 7): time, range, azimuth, elevation, sigmas.
+    `fixed` (6): alpha and beta of range, y, z, or NaN for gains by the tracking index with `design` m/s^2; `heading`:
+    of the boresight counter-clockwise from x, NaN for an antenna that turns; `limits` (3, 3): factor on the sigmas,
+    gate and absurd NIS by degrees of freedom; `rows` (n, 7): time, range, azimuth, elevation, sigmas.
     """
     p, u, e, rate = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     v, first, sigma, axes = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((3, 3))

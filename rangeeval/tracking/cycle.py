@@ -23,9 +23,9 @@ from rangeeval.tracking.starting import start, turn_from_acceleration
 from rangeeval.tracking.updating import (
     cartesian_innovation,
     cholesky_inverse,
+    correct,
     forbid_parallel_turn,
     innovation_covariance,
-    correct,
     polar_innovation,
     quadratic,
 )
@@ -36,6 +36,7 @@ BoolArray = NDArray[np.bool_]
 
 LIKELIHOOD, UPDATES, DETAIL = 0, 1, 2  # levels of output
 LOG_2PI = math.log(2.0 * math.pi)
+DIVERGED = 1e14  # variance (m^2, m^2/s^2) at which a filter knows nothing and rounding eats its covariance
 
 # Values of runs.Flag, which this kernel cannot import.
 STARTING, MISSED, PARTIAL, GATED, RESTARTED = 1, 2, 4, 8, 16
@@ -72,8 +73,9 @@ class Scalars(NamedTuple):
 SIGMA, SIGMA_TURN, PRIOR, PARALLEL, DECAY, START = range(6)
 SCALE, GATE, LIMIT = range(3)
 
-# Rows of the scratch: of `weight` (4, models); of `v` (8 + 2 models, 3) and of `m` (2 + 3 models, 9), where those of one
-# model after another follow; `x` (4 models, 9) and `p` (4 models, 81) hold filtered, mixed, predicted, padded densities.
+# Rows of the scratch: of `weight` (4, models); of `v` (8 + 2 models, 3) and of `m` (2 + 3 models, 9), where those of
+# one model after another follow; `x` (4 models, 9) and `p` (4 models, 81) hold filtered, mixed, predicted, padded
+# densities.
 MU, CBAR, MIX, LOG_L = range(4)
 PLOT, VARIANCE, KNOWN, MEAN_AT, MEAN_NU, AXES, MODELS_V = 0, 1, 2, 3, 4, 5, 8
 MEAN_S, INVERSE, MODELS_M = 0, 1, 2
@@ -116,9 +118,9 @@ def run_tracks(
 ) -> None:
     """Run every track, rows offsets[i] to offsets[i + 1], through the filter.
 
-    The first five are a `Setup`, the last nine `scratch`. `rows` (n, 7): time, range, azimuth, elevation and their sigmas.
-    Writes the log-likelihood of each track into `total` and, above level LIKELIHOOD, each plot's row of `out` (columns
-    above) and of `flags`.
+    The first five are a `Setup`, the last nine `scratch`. `rows` (n, 7): time, range, azimuth, elevation and their
+    sigmas. Writes the log-likelihood of each track into `total` and, above level LIKELIHOOD, each plot's row of `out`
+    (columns above) and of `flags`.
     """
     models = motions.size
     for track in range(offsets.size - 1):
@@ -272,7 +274,8 @@ def exponential(pi: FloatArray, dt: float, f: FloatArray) -> None:
 
 @compiled_ieee
 def _cycle(
-    motions: IntArray, table: FloatArray, pi: FloatArray, limits: FloatArray, o: Scalars, known: int, dt: float, level: int,
+    motions: IntArray, table: FloatArray, pi: FloatArray, limits: FloatArray, o: Scalars, known: int, dt: float,
+    level: int,
     weight: FloatArray, x: FloatArray, p: FloatArray, v: FloatArray, m: FloatArray, f: FloatArray,
     noise: FloatArray, shrink: FloatArray,
 ) -> tuple[int, float, float, int]:  # fmt: skip
@@ -297,13 +300,8 @@ def _cycle(
             known -= 1 if v[KNOWN, i] > 0.0 else 0
             v[KNOWN, i] = 0.0
     for j in range(models):
-        at, nu, h, r, s = (
-            MODELS_V + j,
-            MODELS_V + models + j,
-            MODELS_M + j,
-            MODELS_M + models + j,
-            MODELS_M + 2 * models + j,
-        )
+        at, nu = MODELS_V + j, MODELS_V + models + j
+        h, r, s = MODELS_M + j, MODELS_M + models + j, MODELS_M + 2 * models + j
         polar_innovation(v, PLOT, VARIANCE, KNOWN, at, nu, m, h, r)
         innovation_covariance(p, 2 * models + j, m, h, r, s)
     nis = math.nan
@@ -332,7 +330,8 @@ def _cycle(
         if table[j, PARALLEL] > 0.0:
             forbid_parallel_turn(table[j, PARALLEL], x, p, j, f)
         for a in range(6):
-            sound = sound and math.isfinite(x[j, a]) and p[j, 10 * a] > 0.0 and p[j, 10 * a] < math.inf
+            limit = math.inf if a % 3 == 2 else DIVERGED  # the height may not be observed at all
+            sound = sound and math.isfinite(x[j, a]) and p[j, 10 * a] > 0.0 and p[j, 10 * a] < limit
     return flag if sound else flag | BROKEN, nis, value, known
 
 

@@ -24,8 +24,8 @@ class Model:
     Attributes
     ----------
     motion : `cv` constant velocity, 6 states [p v]; `ca` constant acceleration, 9 states [p v a]; `ct` constant vector
-        turn rate w (dv/dt = w x v), 9 states [p v w], discretised exactly; `ct-second-order` the same to second order in
-        the time step.
+        turn rate w (dv/dt = w x v), 9 states [p v w], discretised exactly; `ct-second-order` the same to second order
+        in the time step.
     sigma_m_s2 : process noise. `cv`, `ct`: acceleration, constant over one reference interval and independent between
         them. `ca`: increment of the acceleration per reference interval.
     sigma_turn_rad_s : `ct`: increment of each component of w per reference interval.
@@ -116,7 +116,9 @@ AnyFilter = Filter | AlphaBeta
 
 
 def kalman(motion: Motion = "cv", sigma_m_s2: float = 10.0) -> Filter:
-    """A Kalman filter with one motion model; a turn model alone gets the pseudo-measurement that keeps it observable."""
+    """A Kalman filter with one motion model; a turn model alone gets the pseudo-measurement that keeps it
+    observable.
+    """
     if motion in ("ct", "ct-second-order"):
         return Filter(models=(Model(motion, sigma_m_s2, sigma_turn_rad_s=0.02, parallel_turn_rad_s=0.02),))
     return Filter(models=(Model(motion, sigma_m_s2),))

@@ -52,14 +52,15 @@ class Measurements:
         n = self.time_s.shape[0]
         if self.time_s.shape != (n,) or self.z.shape != (n, 3) or self.sigma.shape != (n, 3):
             raise ValueError(
-                f"time has shape {self.time_s.shape}, z {self.z.shape} and sigma {self.sigma.shape}; give (n,), (n, 3), (n, 3)"
+                f"time has shape {self.time_s.shape}, z {self.z.shape} and sigma {self.sigma.shape}; "
+                "give (n,), (n, 3), (n, 3)"
             )
         measured = np.isfinite(self.z)
         if not np.all(self.sigma[measured] > 0):
             raise ValueError("sigma of a measured component is zero, negative or missing; give a positive one")
 
     def __len__(self) -> int:
-        return self.time_s.shape[0]
+        return int(self.time_s.shape[0])
 
     @classmethod
     def of(cls, time_s: ArrayLike, z: ArrayLike, sigma: ArrayLike) -> Measurements:

@@ -3,8 +3,8 @@
 States are padded to 9: position, velocity, and a third block that is the acceleration (`CA`), the vector turn rate
 (`CT`, `CT2`) or unused (`CV`, where its numbers are kept finite but mean nothing).
 
-Kernels of this package take arrays with a density (or a 3 x 3 matrix, written flat) in each row, and row numbers: a view of
-a row would be counted in and out at each call, which costs more than the arithmetic.
+Kernels of this package take arrays with a density (or a 3 x 3 matrix, written flat) in each row, and row numbers: a
+view of a row would be counted in and out at each call, which costs more than the arithmetic.
 
 References
 ----------
@@ -38,7 +38,8 @@ def states_of(motion: int) -> int:
 def process_noise(
     motion: int, sigma: float, sigma_turn: float, dt: float, reference: float, continuous: bool, q: FloatArray, j: int
 ) -> None:
-    """Write the six distinct elements of Q over `dt` into row `j` of `q` (models, 6): pp, pv, vv, pu, vu, uu (u the third block).
+    """Write the six distinct elements of Q over `dt` into row `j` of `q` (models, 6): pp, pv, vv, pu, vu, uu (u the
+    third block).
 
     `sigma` and `sigma_turn` refer to one reference interval. Every block is a multiple of the unit matrix.
     """
@@ -65,7 +66,8 @@ def process_noise(
 
 @compiled_ieee
 def turn(x: FloatArray, row: int, to: int, dt: float, second_order: bool, f: FloatArray) -> None:
-    """Turn model at the state in `row` of `x` (n, 9): predicted position and velocity into row `to`, Jacobian into `f` (54).
+    """Turn model at the state in `row` of `x` (n, 9): predicted position and velocity into row `to`, Jacobian into `f`
+    (54).
 
     `f` has six rows of nine, for position, velocity, turn rate; the position's own block [I; 0] is not written.
     """
@@ -112,7 +114,9 @@ def _turn_rows(
     w0: float, w1: float, w2: float, b0: float, b1: float, b2: float, c0: float, c1: float, c2: float,
     dot: float, square: float, f: FloatArray,
 ) -> None:  # fmt: skip
-    """Rows s0 I + s1 [w]x + s2 [w]x^2 (velocity) and -s1 [v]x + d1 b w' + s2 M + d2 c w' (turn rate) of the Jacobian."""
+    """Rows s0 I + s1 [w]x + s2 [w]x^2 (velocity) and -s1 [v]x + d1 b w' + s2 M + d2 c w' (turn rate) of the
+    Jacobian.
+    """
     f[row + 3] = s0 + s2 * (w0 * w0 - square)
     f[row + 4] = -s1 * w2 + s2 * w0 * w1
     f[row + 5] = s1 * w1 + s2 * w0 * w2
@@ -150,8 +154,8 @@ def predict(
 ) -> None:
     """Predict the density in `row` of `x` (n, 9) and `p` (n, 81) over `dt`, into row `to`.
 
-    `decay` multiplies the turn rate; row `j` of `q` is the process noise; `f` (162) is scratch. The covariance is copied
-    and then worked on in place: within one row the compiler knows which elements are apart, and vectorises.
+    `decay` multiplies the turn rate; row `j` of `q` is the process noise; `f` (162) is scratch. The covariance is
+    copied and then worked on in place: within one row the compiler knows which elements are apart, and vectorises.
     """
     for k in range(81):
         p[to, k] = p[row, k]
@@ -194,7 +198,9 @@ def _shift(p: FloatArray, to: int, dt: float, first: float, half: float) -> None
 
 @compiled_ieee
 def _turn_covariance(decay: float, p: FloatArray, to: int, f: FloatArray) -> None:
-    """F P F' in place in row `to` for the turn model whose Jacobian is in the first 54 of `f`; the rest of `f` is free."""
+    """F P F' in place in row `to` for the turn model whose Jacobian is in the first 54 of `f`; the rest of `f` is
+    free.
+    """
     for a in range(6):
         f3, f4, f5, f6, f7, f8 = f[9 * a + 3], f[9 * a + 4], f[9 * a + 5], f[9 * a + 6], f[9 * a + 7], f[9 * a + 8]
         for c in range(9):

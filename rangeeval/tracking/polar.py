@@ -4,8 +4,8 @@ Azimuth counter-clockwise from x, elevation up from the x-y plane. Kernels write
 
 References
 ----------
-Unbiased conversion: Mo, Song, Zhou, Sun and Bar-Shalom (1998), Unbiased converted measurements for tracking; evaluated at
-the prediction: Bordonaro, Willett and Bar-Shalom (2014), Decorrelated unbiased converted measurement Kalman filter.
+Unbiased conversion: Mo, Song, Zhou, Sun and Bar-Shalom (1998), Unbiased converted measurements for tracking; evaluated
+at the prediction: Bordonaro, Willett and Bar-Shalom (2014), Decorrelated unbiased converted measurement Kalman filter.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ def wrap(angle: float) -> float:
 
 @compiled_ieee
 def measure(x: FloatArray, row: int, v: FloatArray, at: int, m: FloatArray, h: int) -> bool:
-    """Range, azimuth, elevation of the position in `row` of `x` into row `at` of `v` (n, 3), Jacobian into `h` of `m` (n, 9).
+    """Range, azimuth, elevation of the position in `row` of `x` into row `at` of `v` (n, 3), Jacobian into `h` of `m`
+    (n, 9).
 
     False when azimuth and elevation have no derivative (at the zenith, or at the radar): their rows are then zero.
     """
@@ -130,10 +131,13 @@ def jacobian(position_m: ArrayLike) -> FloatArray:
 
 
 def unbiased_position(polar: ArrayLike, sigma: ArrayLike) -> FloatArray:
-    """Positions (..., 3) whose mean over the measurement noise is the true one; `sigma` of range, azimuth, elevation."""
+    """Positions (..., 3) whose mean over the measurement noise is the true one; `sigma` of range, azimuth,
+    elevation.
+    """
     s = np.asarray(sigma, dtype=np.float64)
     la, le = np.exp(-0.5 * s[..., 1] ** 2), np.exp(-0.5 * s[..., 2] ** 2)
-    return to_position(polar) / np.stack([la * le, la * le, le], -1)
+    position: FloatArray = to_position(polar) / np.stack([la * le, la * le, le], -1)
+    return position
 
 
 def converted_covariance(polar: ArrayLike, sigma: ArrayLike, *, unbiased: bool = False) -> FloatArray:

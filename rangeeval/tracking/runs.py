@@ -69,8 +69,8 @@ class Run:
     innovation : (n, 3), measured less predicted, azimuth wrapped; NaN where a component was not measured. Gated plots
         have theirs too.
     innovation_covariance : (n, 3, 3), of the (mixture's) innovation; an unmeasured component has row and column NaN.
-    nis : (n,), normalised innovation squared with `nis_dof` (n,) degrees of freedom; NaN without innovation. `nis_dof` is 0
-        where the plot was not used, so also where it was gated.
+    nis : (n,), normalised innovation squared with `nis_dof` (n,) degrees of freedom; NaN without innovation. `nis_dof`
+        is 0 where the plot was not used, so also where it was gated.
     log_likelihood : (n,), log density of the plot given those before, of range, azimuth and elevation; 0 where none
         was used. With a converted-measurement update it is that of the Cartesian position (per m^3).
     mode_probability : (n, models), after the update.
@@ -158,16 +158,19 @@ def run_many(spec: AnyFilter, tracks: Sequence[Measurements], *, detail: bool = 
         return _run_beam(spec, tracks)
     batch = Batch.of(tracks)
     level = DETAIL if detail else UPDATES
-    table, flags = _run(spec, batch, level)[1:]
+    table, flags = run_table(spec, batch, level)[1:]
     return [_cut(spec, track, batch, i, table, flags, detail) for i, track in enumerate(tracks)]
 
 
 def log_likelihood(spec: Filter, tracks: Sequence[Measurements] | Batch) -> FloatArray:
     """The log-likelihood (tracks,) of each track: `run` reduced to what tuning needs."""
-    return _run(spec, tracks if isinstance(tracks, Batch) else Batch.of(tracks), LIKELIHOOD)[0]
+    return run_table(spec, tracks if isinstance(tracks, Batch) else Batch.of(tracks), LIKELIHOOD)[0]
 
 
-def _run(spec: Filter, batch: Batch, level: int) -> tuple[FloatArray, FloatArray, IntArray]:
+def run_table(spec: Filter, batch: Batch, level: int) -> tuple[FloatArray, FloatArray, IntArray]:
+    """The kernel's own output: log-likelihood of each track, and above level LIKELIHOOD the table and flags of the
+    rows.
+    """
     setup = setup_of(spec)
     _check_intervals(setup, batch)
     models = len(spec.models)
@@ -205,8 +208,8 @@ class Batch:
 def smooth(run: Run) -> Smoothed:
     """Smooth a run made with `detail=True`: RTS for one model, the IMM smoother with pair weights for several.
 
-    Each stretch between a start and the next restart is smoothed for itself; the plots before the last one of a start get
-    its state carried back at constant velocity. Rows without any state stay NaN.
+    Each stretch between a start and the next restart is smoothed for itself; the plots before the last one of a start
+    get its state carried back at constant velocity. Rows without any state stay NaN.
 
     Raises
     ------
@@ -396,6 +399,7 @@ def _check_intervals(setup: Setup, batch: Batch) -> None:
     steps[batch.offsets[1:-1] - 1] = setup.scalars.reference
     if np.any(np.abs(steps - setup.scalars.reference) > 1e-9 * setup.scalars.reference):
         raise ValueError(
-            f"these transition probabilities leave a model sooner than one reference interval ({setup.scalars.reference:g} s) and "
-            "cannot be spread over the plots' other intervals; give larger probabilities of staying"
+            "these transition probabilities leave a model sooner than one reference interval "
+            f"({setup.scalars.reference:g} s) and cannot be spread over the plots' other intervals; "
+            "give larger probabilities of staying"
         )

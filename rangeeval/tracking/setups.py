@@ -85,8 +85,7 @@ def gates(probability: float) -> FloatArray:
     """Chi-square quantiles (3,) of 1, 2 and 3 degrees of freedom; infinite for probability 1."""
     if probability == 1.0:
         return np.full(3, math.inf)
-    limits: FloatArray = 2.0 * special.gammaincinv(_HALF_DOF, probability)
-    return limits
+    return np.asarray(2.0 * special.gammaincinv(_HALF_DOF, probability), dtype=np.float64)
 
 
 def generator(pi: FloatArray) -> FloatArray:
@@ -108,9 +107,11 @@ def generator(pi: FloatArray) -> FloatArray:
     if np.any((values.real <= 0) & (np.abs(values.imag) < 1e-12)) or np.linalg.cond(vectors) > 1e10:
         return np.full(pi.shape, math.nan)
     logarithm = (vectors * np.log(values.astype(np.complex128))) @ np.linalg.inv(vectors)
-    return (
-        np.ascontiguousarray(logarithm.real) if np.max(np.abs(logarithm.imag)) < 1e-9 else np.full(pi.shape, math.nan)
-    )
+    real = np.ascontiguousarray(logarithm.real)
+    # a rate a little below zero (a model reached only through another) is made up for by clipping; a large one is not
+    if np.max(np.abs(logarithm.imag)) > 1e-9 or np.min(real + 1e3 * np.eye(len(real))) < -0.1:
+        return np.full(pi.shape, math.nan)
+    return real
 
 
 def _known(name: str, table: dict[str, int]) -> str:

@@ -4,10 +4,10 @@ Works on many runs of equal length and equal times at once (the first axis), in 
 
 References
 ----------
-Rauch, Tung and Striebel (1965). Several models: for each pair (model i at k, model j at k + 1) the likelihood of the later
-plots, as a Gaussian function of the state at k + 1, is the quotient of model j's smoothed and predicted densities; the pair's
-weight is its integral over the prediction of j from i. Kim's shortcut (one smoothed density for all i, no such weight) is
-worse than not smoothing at all, see docs/explanation/imm.md.
+Rauch, Tung and Striebel (1965). Several models: for each pair (model i at k, model j at k + 1) the likelihood of the
+later plots, as a Gaussian function of the state at k + 1, is the quotient of model j's smoothed and predicted
+densities; the pair's weight is its integral over the prediction of j from i. Kim's shortcut (one smoothed density for
+all i, no such weight) is worse than not smoothing at all, see docs/explanation/imm.md.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ class Densities(NamedTuple):
 
 
 def backward(setup: Setup, later: Densities, predicted: Densities, filtered: Densities, dt: float) -> Densities:
-    """One step back: smoothed densities at k from those at k + 1 (`later`), the prediction to k + 1 and the filtered at k."""
+    """One step back: smoothed densities at k from those at k + 1 (`later`), the prediction to k + 1 and the filtered at
+    k.
+    """
     motions = [int(motion) for motion in setup.motions]
     if len(motions) == 1:
         return _rts(setup, motions[0], later, predicted, filtered, dt)
@@ -156,11 +158,11 @@ def _moved(motion: int, x: FloatArray, dt: float, decay_rate: float) -> tuple[Fl
         jacobian[:, range(3), range(3)] = 1.0
         jacobian[:, range(6, 9), range(6, 9)] = decay
         return moved, jacobian
-    f = np.eye(n)
-    f[0:3, 3:6] = dt * np.eye(3)
+    shift = np.eye(n)
+    shift[0:3, 3:6] = dt * np.eye(3)
     if motion == CA:
-        f[3:6, 6:9], f[0:3, 6:9] = dt * np.eye(3), 0.5 * dt * dt * np.eye(3)
-    return x @ f.T, np.broadcast_to(f, (runs, n, n))
+        shift[3:6, 6:9], shift[0:3, 6:9] = dt * np.eye(3), 0.5 * dt * dt * np.eye(3)
+    return x @ shift.T, np.broadcast_to(shift, (runs, n, n))
 
 
 def _noise(setup: Setup, j: int, dt: float) -> FloatArray:
@@ -203,7 +205,9 @@ def _inverse(matrix: FloatArray) -> FloatArray:
 
 
 def _positive(matrix: FloatArray) -> FloatArray:
-    """The nearest matrices without negative eigenvalues: merging can leave a smoothed density wider than its prediction."""
+    """The nearest matrices without negative eigenvalues: merging can leave a smoothed density wider than its
+    prediction.
+    """
     values, vectors = np.linalg.eigh(matrix)
     positive: FloatArray = (vectors * np.maximum(values, 0.0)[..., None, :]) @ _t(vectors)
     return positive

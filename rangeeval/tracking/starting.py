@@ -2,8 +2,8 @@
 
 References
 ----------
-Divided differences of converted measurements: Jung (1999), eq 17 (position, velocity, acceleration), with the covariance
-that follows from the same weights.
+Divided differences of converted measurements: Jung (1999), eq 17 (position, velocity, acceleration), with the
+covariance that follows from the same weights.
 """
 
 from __future__ import annotations
@@ -62,11 +62,12 @@ def start(
     covariance: int,
     f: FloatArray,
 ) -> None:
-    """Position, velocity, acceleration and their covariance from `count` plots, into `row` of `x` (n, 9) and `p` (n, 81).
+    """Position, velocity, acceleration and their covariance from `count` plots, into `row` of `x` (n, 9) and `p` (n,
+    81).
 
-    `plots` (3, 7), oldest first: time, range, azimuth, elevation and their variances. What they do not show is zero with
-    the prior sigmas `speed` and `acceleration`. `height_sigma` above 0: elevation is not known, the height has this sigma. Three
-    rows of `v` and of `m` from the given ones on, and `f`, are scratch.
+    `plots` (3, 7), oldest first: time, range, azimuth, elevation and their variances. What they do not show is zero
+    with the prior sigmas `speed` and `acceleration`. `height_sigma` above 0: elevation is not known, the height has
+    this sigma. Three rows of `v` and of `m` from the given ones on, and `f`, are scratch.
     """
     difference_weights(count, plots, quadratic, f)
     for n in range(count):

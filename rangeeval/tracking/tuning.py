@@ -1,8 +1,8 @@
 """Tuning a filter by the likelihood of its innovations: parameters that make the recorded plots most probable.
 
-The search runs over logarithms and logits, so that nothing leaves its range, with floors where a likelihood would go to the
-edge (a simulated target that is exactly straight wants no process noise at all). Intervals come from the curvature of the
-log-likelihood at its maximum; a parameter at its floor has none.
+The search runs over logarithms and logits, so that nothing leaves its range, with floors where a likelihood would go to
+the edge (a simulated target that is exactly straight wants no process noise at all). Intervals come from the curvature
+of the log-likelihood at its maximum; a parameter at its floor has none.
 
 References
 ----------
@@ -35,9 +35,9 @@ Kind = Literal["sigma", "sigma_turn", "prior_turn", "stay", "noise"]
 class Parameter:
     """One number of a filter that tuning may change.
 
-    `kind`: `sigma`, `sigma_turn`, `prior_turn` of a model, the probability to `stay` in it over one reference interval (the
-    ways out keep their proportions), or the `noise` factor of a component (0 range, 1 azimuth, 2 elevation); `index` of the
-    model or component, from 0. `floor` and `ceiling` in the parameter's own unit.
+    `kind`: `sigma`, `sigma_turn`, `prior_turn` of a model, the probability to `stay` in it over one reference interval
+    (the ways out keep their proportions), or the `noise` factor of a component (0 range, 1 azimuth, 2 elevation);
+    `index` of the model or component, from 0. `floor` and `ceiling` in the parameter's own unit.
     """
 
     kind: Kind
@@ -110,8 +110,8 @@ def tune(
 ) -> Tuned:
     """Find the parameters of a filter under which the innovations of the tracks are most probable.
 
-    Plots outside the gate do not enter the likelihood, so tuning sets no gate and no restart by gated plots: a gate would
-    pay for throwing plots away.
+    Plots outside the gate do not enter the likelihood, so tuning sets no gate and no restart by gated plots: a gate
+    would pay for throwing plots away.
 
     Parameters
     ----------

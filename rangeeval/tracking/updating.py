@@ -32,15 +32,21 @@ JOSEPH_BEYOND = 1e6  # then rounding is 1e-10 of the smallest variance
 
 @compiled_ieee
 def cholesky_inverse(m: FloatArray, s: int, to: int) -> float:
-    """Inverse of the lower Cholesky factor of row `s` of `m` (n, 9) into row `to`; gives log det, NaN if not positive."""
+    """Inverse of the lower Cholesky factor of row `s` of `m` (n, 9) into row `to`; gives log det, NaN if not
+    positive.
+    """
+    if not m[s, 0] > 0.0:
+        return math.nan
     l00 = math.sqrt(m[s, 0])
     l10 = m[s, 3] / l00
     l20 = m[s, 6] / l00
     d1 = m[s, 4] - l10 * l10
+    if not d1 > 0.0:
+        return math.nan
     l11 = math.sqrt(d1)
     l21 = (m[s, 7] - l20 * l10) / l11
     d2 = m[s, 8] - l20 * l20 - l21 * l21
-    if not (m[s, 0] > 0.0 and d1 > 0.0 and d2 > 0.0):
+    if not d2 > 0.0:
         return math.nan
     l22 = math.sqrt(d2)
     i00, i11, i22 = 1.0 / l00, 1.0 / l11, 1.0 / l22
@@ -59,7 +65,8 @@ def quadratic(m: FloatArray, inverse: int, v: FloatArray, nu: int) -> float:
     e0 = m[inverse, 0] * n0
     e1 = m[inverse, 3] * n0 + m[inverse, 4] * n1
     e2 = m[inverse, 6] * n0 + m[inverse, 7] * n1 + m[inverse, 8] * n2
-    return e0 * e0 + e1 * e1 + e2 * e2
+    total: float = e0 * e0 + e1 * e1 + e2 * e2
+    return total
 
 
 @compiled_ieee
@@ -127,8 +134,8 @@ def correct(
     """Update of the first `n` states: prediction in `row` of `x` (9) and `p` (81), result into row `to`.
 
     P - W W' with W = P H' L^-T (L the Cholesky factor of the innovation covariance) costs a third of Joseph's form and
-    is as good while no variance shrinks by more than `JOSEPH_BEYOND`; beyond it Joseph's form is taken. Row `inverse` of
-    `m` is L^-1; row `j` of `shrink` (27) becomes K H; `f` (162) is scratch.
+    is as good while no variance shrinks by more than `JOSEPH_BEYOND`; beyond it Joseph's form is taken. Row `inverse`
+    of `m` is L^-1; row `j` of `shrink` (27) becomes K H; `f` (162) is scratch.
     """
     h00, h01, h02, h10, h11, h12 = m[h, 0], m[h, 1], m[h, 2], m[h, 3], m[h, 4], m[h, 5]
     h20, h21, h22, i00, i10, i11 = m[h, 6], m[h, 7], m[h, 8], m[inverse, 0], m[inverse, 3], m[inverse, 4]
