@@ -59,6 +59,8 @@ FLAGS = {
         "The looks do not tell the Swerling cases apart: the interval holds those of every case within 2 of the best "
         "AIC."
     ),
+    "slow-fading": "Consecutive amplitudes are alike: the target fades more slowly than looks follow each other. The "
+    "interval takes them as independent and is too narrow.",
     "rcs-varies": "One mean RCS does not fit all bins: RCS changes with aspect, or the loss model is wrong.",
 }
 
