@@ -14,9 +14,12 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from rangeeval.analyses.accuracy import accuracy
     from rangeeval.analyses.attitude import attitude, correct_plots
+    from rangeeval.analyses.bearing import bearing, bearing_tracks
     from rangeeval.analyses.rcs import rcs
-    from rangeeval.flow import check, evaluate, report
-    from rangeeval.model import Bins, Result, Trial, log_of
+    from rangeeval.analyses.replay import replay, run_replay
+    from rangeeval.analyses.truth import truth
+    from rangeeval.flow import check, compare, evaluate, report
+    from rangeeval.model import Bins, Result, SensorArray, Trial, log_of
     from rangeeval.parsers import open_trial
 
 # Imported when first asked for: `import rangeeval` costs nothing, and `rangeeval --help` answers at once.
@@ -26,11 +29,18 @@ _WHERE = {
     "rcs": "rangeeval.analyses.rcs",
     "attitude": "rangeeval.analyses.attitude",
     "correct_plots": "rangeeval.analyses.attitude",
+    "bearing": "rangeeval.analyses.bearing",
+    "bearing_tracks": "rangeeval.analyses.bearing",
+    "replay": "rangeeval.analyses.replay",
+    "run_replay": "rangeeval.analyses.replay",
+    "truth": "rangeeval.analyses.truth",
     "evaluate": "rangeeval.flow",
     "check": "rangeeval.flow",
+    "compare": "rangeeval.flow",
     "report": "rangeeval.flow",
     "Bins": "rangeeval.model",
     "Result": "rangeeval.model",
+    "SensorArray": "rangeeval.model",
     "Trial": "rangeeval.model",
     "log_of": "rangeeval.model",
 }
@@ -38,16 +48,23 @@ _WHERE = {
 __all__ = [
     "Bins",
     "Result",
+    "SensorArray",
     "Trial",
     "accuracy",
     "attitude",
+    "bearing",
+    "bearing_tracks",
     "check",
+    "compare",
     "correct_plots",
     "evaluate",
     "log_of",
     "open_trial",
     "rcs",
+    "replay",
     "report",
+    "run_replay",
+    "truth",
 ]
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from rangeeval.errors import InputError, one_line
 from rangeeval.files import replacing
-from rangeeval.model import CHUNK_ROWS, KINDS, Log, Problem, Result, Table, Trial, gather
+from rangeeval.model import KINDS, Log, Problem, Result, Table, Trial, gather, piece_rows
 from rangeeval.model import layout as at
 from rangeeval.model.result import without_nan
 
@@ -44,17 +44,18 @@ def write_archive(
     import h5py
 
     target = Path(path)
+    version = at.VERSION if trial.of_kind("snapshots") else at.WITHOUT_ARRAYS
     with replacing(target) as temporary:
         with temporary.open("r+b", buffering=0) as raw:
             disk = _Disk(raw, str(target))
             with h5py.File(disk, "w", userblock_size=at.HEADER_BYTES) as file:
-                file.attrs["rangeeval_archive"] = at.VERSION
+                file.attrs["rangeeval_archive"] = version
                 logs = [_write_log(file, number, log, disk, progress) for number, log in enumerate(trial.logs)]
                 _write_meta(file, trial, logs, sha256)
                 _write_text(file, at.RESULTS, _json([r.as_dict(series=True) for r in results]))
                 _write_table(file.create_group(at.ESTIMATES), _estimate_columns(results))
             disk.check()
-        _seal(temporary)
+        _seal(temporary, version)
     return target
 
 
@@ -129,14 +130,14 @@ class _Disk:
         """Nothing is held back."""
 
 
-def _seal(path: Path) -> None:
+def _seal(path: Path, version: int = at.WITHOUT_ARRAYS) -> None:
     """Read back what was written, and put its size and SHA-256 in front."""
     with path.open("r+b") as stream:
         stream.seek(at.HEADER_BYTES)
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
         size = stream.tell()
         stream.seek(0)
-        stream.write(at.Header(at.VERSION, size, digest).as_bytes())
+        stream.write(at.Header(version, size, digest).as_bytes())
 
 
 def _write_log(file: Any, number: int, log: Log, disk: _Disk, progress: Callable[[int], None] | None) -> dict[str, Any]:
@@ -145,12 +146,15 @@ def _write_log(file: Any, number: int, log: Log, disk: _Disk, progress: Callable
     columns: dict[str, _Column] = {}
     problems: list[tuple[int, Problem]] = []
     rows = 0
+    width = 1
     for piece_number, piece in enumerate(log.pieces(None)):
         problems += [(piece_number, problem) for problem in piece.problems]
         if not columns:
             # A piece that is not full is the last one.
-            chunk = CHUNK if len(piece) == CHUNK_ROWS else min(CHUNK, max(1, len(piece)))
-            columns = {name: _column(group, log, name, chunk) for name in piece.columns}
+            width = max((c.shape[1] for c in piece.columns.values() if c.ndim == 2), default=1)
+            full = len(piece) == piece_rows(width)
+            chunk = max(1, CHUNK // width) if full else min(CHUNK, max(1, len(piece)))
+            columns = {name: _column(group, log, piece, name, chunk) for name in piece.columns}
         for column in columns.values():
             column.append(piece)
             disk.check()
@@ -167,13 +171,16 @@ def _write_log(file: Any, number: int, log: Log, disk: _Disk, progress: Callable
         "text": [name for name, column in columns.items() if isinstance(column, _TextColumn)],
         "written": dict(log.written),
         "problems": [[piece_number, problem.as_dict()] for piece_number, problem in problems],
+        **({"width": width, "array": without_nan(dataclasses.asdict(log.array))} if log.array else {}),
     }
 
 
-def _column(group: Any, log: Log, name: str, chunk: int) -> _Column:
+def _column(group: Any, log: Log, piece: Table, name: str, chunk: int) -> _Column:
     known = {c.name: c for c in KINDS[log.kind].columns}.get(name)
     text = known is not None and known.text
     attributes = {"unit": known.unit if known else "", "written": _attribute(log.written.get(name, name))}
+    if known is not None and known.wide:
+        return _WideColumn(group, name, chunk, attributes, piece.wide(name))
     return (_TextColumn if text else _Column)(group, name, chunk, attributes)
 
 
@@ -197,9 +204,29 @@ class _Column:
         self._extend(piece.floats(self.name))
 
     def _extend(self, values: NDArray[Any]) -> None:
-        self.dataset.resize((self.rows + len(values),))
+        self.dataset.resize((self.rows + len(values), *values.shape[1:]))
         self.dataset[self.rows :] = values
         self.rows += len(values)
+
+
+class _WideColumn(_Column):
+    """A wide column: float64, or HDF5's usual compound of a real and an imaginary part."""
+
+    def __init__(self, group: Any, name: str, chunk: int, attributes: Mapping[str, str], like: NDArray[Any]) -> None:
+        self.like = like
+        super().__init__(group, name, chunk, attributes)
+
+    def _made(self, name: str, dtype: Any) -> Any:
+        width = self.like.shape[1]
+        dataset = self.group.create_dataset(
+            name, (0, width), self.like.dtype, maxshape=(None, width), chunks=(self.chunk, width), **_STORED
+        )
+        dataset.attrs.update(self.attributes)
+        return dataset
+
+    def append(self, piece: Table) -> None:
+        """Add the rows of one more piece."""
+        self._extend(piece.wide(self.name))
 
 
 class _TextColumn(_Column):

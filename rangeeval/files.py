@@ -50,10 +50,19 @@ def write_whole(path: Path, content: bytes) -> Path:
 
 def sweep(target: Path) -> int:
     """Remove what writers of `target` left when they were killed. Returns how many files."""
+    return _swept(target.parent, f".{_escaped(target.name)}.*{_ENDING}")
+
+
+def sweep_folder(folder: Path) -> int:
+    """Remove what writers of any file of a folder left when they were killed. Returns how many files."""
+    return _swept(folder, f".*.*{_ENDING}")
+
+
+def _swept(folder: Path, pattern: str) -> int:
     if fcntl is None:
         return 0
     swept = 0
-    for left in target.parent.glob(f".{_escaped(target.name)}.*{_ENDING}"):
+    for left in folder.glob(pattern):
         with contextlib.suppress(OSError):
             handle = os.open(left, os.O_RDWR | os.O_NOFOLLOW)
             try:

@@ -14,14 +14,15 @@ from typing import Any
 
 import rangeeval
 from rangeeval.analyses import all_analyses
-from rangeeval.errors import InputError
+from rangeeval.errors import InputError, RangeevalError
 from rangeeval.files import write_whole as _write
-from rangeeval.model import Bins, Result, Trial
+from rangeeval.model import Bins, Problem, Result, Trial
 from rangeeval.model.result import without_nan
 from rangeeval.model.settings import Requirement
 from rangeeval.requirements import check as judge
 
 Progress = Callable[[int], None]
+TrialLike = str | os.PathLike[str] | Trial | Sequence[Result]
 
 _VERSIONS = ("numpy", "scipy", "pandas", "h5py", "numba", "bokeh", "typst", "matplotlib")
 
@@ -50,10 +51,20 @@ def evaluate(trial: Trial, plan: Plan | None = None, progress: Progress | None =
         raise InputError(f"{trial.name} holds {held}; no analysis can start from that")
     origin = provenance(trial)
     results = []
+    left_out: list[Problem] = []
     for name in chosen:
         own = {option: getattr(plan, option) for option in known[name].takes}
-        found = known[name].load()(trial, plan.bins, confidence=plan.confidence, progress=progress, **own)
+        try:
+            found = known[name].load()(trial, plan.bins, confidence=plan.confidence, progress=progress, **own)
+        except RangeevalError as error:
+            if plan.analyses or not known[name].optional or len(chosen) == 1:
+                raise
+            left_out.append(Problem(trial.name, f"{name} was left out: {error}"))
+            continue
         results.append(replace(found, problems=(*trial.problems, *found.problems), provenance=origin))
+    if not results:
+        raise InputError("; ".join(p.reason for p in left_out))
+    results[0] = replace(results[0], problems=(*results[0].problems, *left_out))
     if trial.settings.requirements:
         verdicts = _verdicts(trial, plan, {r.analysis: r for r in results}, progress)
         results.append(replace(verdicts, provenance=origin))
@@ -100,12 +111,17 @@ def provenance(trial: Trial) -> dict[str, Any]:
         "settings": without_nan(dataclasses.asdict(trial.settings)),
         "inputs": [{"file": s.name, "format": s.format, "kind": s.kind, "bytes": s.size, "sha256": digests[s.name]}
                    for s in trial.sources],
-        "versions": {
-            "rangeeval": rangeeval.__version__,
-            "python": platform.python_version(),
-            **{name: importlib.metadata.version(name) for name in _VERSIONS},
-        },
+        "versions": versions(),
     }  # fmt: skip
+
+
+def versions() -> dict[str, str]:
+    """The software that makes results: rangeeval, Python and the packages below it."""
+    return {
+        "rangeeval": rangeeval.__version__,
+        "python": platform.python_version(),
+        **{name: importlib.metadata.version(name) for name in _VERSIONS},
+    }
 
 
 def write_report(results: Sequence[Result], directory: str | os.PathLike[str]) -> list[Path]:
@@ -142,6 +158,51 @@ def ingest(
     trial = replace(trial, sources=tuple(replace(s, sha256=digests[s.name]) for s in trial.sources))
     allowed = any(analysis.applies_to(trial) for analysis in all_analyses().values())
     return write_archive(trial, evaluate(trial, plan, progress) if allowed else [], digests, path, progress)
+
+
+def compare(
+    *trials: TrialLike,
+    plan_of: Callable[[Trial], Plan] | None = None,
+    progress: Progress | None = None,
+    **choices: Any,
+) -> Result:
+    """Trials side by side, each against the first, in whatever form each is at hand.
+
+    `plan_of`, `progress`: as of `results_of`. `choices`: those of `comparison.Method` (`confidence`, `margin`,
+    `adjust`, `quantities`, ...). Raises what `results_of` and `comparison.compare` raise.
+    """
+    from rangeeval.comparison import Method
+    from rangeeval.comparison import compare as against_the_first
+
+    return against_the_first([results_of(trial, plan_of, progress) for trial in trials], Method(**choices))
+
+
+def results_of(
+    source: TrialLike, plan_of: Callable[[Trial], Plan] | None = None, progress: Progress | None = None
+) -> list[Result]:
+    """The results of a trial in whatever form it is at hand: a Trial, its folder or log file, an archive, a
+    `results.json`, or results themselves.
+
+    `plan_of` gives the plan of each trial, by which it is evaluated anew, an archive too; without it what an archive
+    holds is taken as it is. Raises InputError for a `results.json` that should be evaluated anew: it has no logs.
+    """
+    from rangeeval.parsers import open_trial
+    from rangeeval.parsers.archive import archived_results, is_archive
+
+    if not isinstance(source, (str, os.PathLike, Trial)):
+        return list(source)
+    if not isinstance(source, Trial):
+        path = Path(source)
+        if path.is_file() and path.suffix.lower() == ".json":
+            if plan_of is not None:
+                raise InputError(
+                    f"{path}: holds results, not logs, so it cannot be evaluated with other bins or options"
+                )
+            return read_results(path)
+        if plan_of is None and path.is_file() and is_archive(path):
+            return archived_results(path)
+        source = open_trial(path)
+    return evaluate(source, plan_of(source) if plan_of else None, progress)
 
 
 def results_json(results: Iterable[Result]) -> str:

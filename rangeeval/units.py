@@ -103,6 +103,8 @@ class Shown:
 
 
 _ARCMIN = Shown("arcmin", 60.0 / _DEGREE)
+_DEGREES = Shown("°", 1 / _DEGREE)
+_IN_DEGREES = ("bearing", "beam")  # quantities whose angles are read in degrees
 _BY_UNIT: dict[str, Shown] = {
     "m": Shown("m"),
     "rad": _ARCMIN,
@@ -112,16 +114,18 @@ _BY_UNIT: dict[str, Shown] = {
 }
 _OF_VARIABLE: dict[str, Shown] = {
     "range": Shown("km", 1e-3),
-    "azimuth": Shown("°", 1 / _DEGREE),
-    "elevation": Shown("°", 1 / _DEGREE),
-    "aspect": Shown("°", 1 / _DEGREE),
+    "azimuth": _DEGREES,
+    "elevation": _DEGREES,
+    "aspect": _DEGREES,
     "snr": Shown("dB"),
     "time": Shown("s"),
 }
 
 
-def shown(unit: str) -> Shown:
-    """The unit in which people read a quantity stored in `unit` (arcmin for rad, dBsm for m^2)."""
+def shown(unit: str, quantity: str = "") -> Shown:
+    """The unit in which people read a quantity stored in `unit` (arcmin for rad, ° for a bearing, dBsm for m^2)."""
+    if unit == "rad" and quantity.startswith(_IN_DEGREES):
+        return _DEGREES
     return _BY_UNIT.get(unit, Shown(unit))
 
 

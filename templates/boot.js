@@ -16,12 +16,18 @@
     }
     return { type: "ndarray", array: { type: "bytes", data: values }, shape: [values.length], dtype: "float64", order: "little" };
   };
+  // A heat map travels as one byte a cell.
+  const image = (packed) => ({
+    type: "ndarray", array: { type: "bytes", data: Uint8Array.from(atob(packed.levels), (c) => c.charCodeAt(0)) },
+    shape: packed.shape, dtype: "uint8", order: "little",
+  });
+  const value = (given) => (given === null ? NaN : typeof given === "object" ? image(given) : given);
   const unpack = (plot) => {
     for (const root of plot.doc.roots)
       for (const renderer of root.attributes.renderers) {
         const data = renderer.attributes.data_source.attributes.data;
         data.entries = data.entries.map(([name, column]) => [name,
-          Array.isArray(column) ? column.map((value) => (value === null ? NaN : value)) : doubles(column)]);
+          Array.isArray(column) ? column.map(value) : doubles(column)]);
       }
   };
 

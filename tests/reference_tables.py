@@ -30,7 +30,10 @@ def _columns(kind: str) -> str:
     rows = []
     for column in KINDS[kind].columns:
         unit = "text" if column.text else _UNIT_WORDS.get(column.unit, column.unit)
-        others = [] if column.text else [s for s in spellings(column.name, column.unit) if s != column.name]
+        unit = "numbers, one a sensor" if column.wide else unit
+        others = (
+            [] if column.text or column.wide else [s for s in spellings(column.name, column.unit) if s != column.name]
+        )
         endings = ", ".join(f"`{name}`" for name in others[:3]) + (", ..." if len(others) > 3 else "")
         rows.append([f"`{column.name}`", unit, "yes" if column.required else "", column.about, endings])
     return _table(["Column", "Unit", "Required", "What it is", "Also written"], rows)

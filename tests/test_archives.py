@@ -211,7 +211,7 @@ def test_what_is_not_ours_or_not_safe_is_refused(change, words, copy):
 def test_an_archive_of_another_version_says_which(copy):
     """A newer layout is not guessed at."""
     copy.write_bytes(copy.read_bytes().replace(b"rangeeval archive 1", b"rangeeval archive 7", 1))
-    with pytest.raises(InputError, match="layout 7; this version of rangeeval reads layouts 1"):
+    with pytest.raises(InputError, match="layout 7; this version of rangeeval reads layouts 1 to 2"):
         rangeeval.open_trial(copy)
 
 

@@ -153,6 +153,21 @@ def test_quantities_of_attitude_are_complete() -> None:
     assert {q: u for q, u in written.items() if not q.startswith("height_misfit")} == given
 
 
+@pytest.mark.parametrize("analysis", ["replay", "truth"])
+def test_quantities_of_plots_are_complete(analysis: str) -> None:
+    """Every quantity that replay and truth give on the sample is documented with its unit."""
+    run = getattr(rangeeval, analysis)
+    more = {"compare": True} if analysis == "replay" else {}
+    result = run(rangeeval.open_trial(ROOT / "sample_logs" / "attitude"), **more)
+    written: dict[str, set[str]] = {}
+    for names, unit, *_ in _rows("quantities.md", analysis):
+        for name in names.split(", "):
+            for word in ("range", "azimuth", "elevation"):
+                written[name.replace("COORDINATE", word)] = set(unit.split(", "))
+    for row in result.rows:
+        assert row.unit in written.get(row.quantity, ()), f"{row.quantity} in {row.unit}"
+
+
 def test_columns_are_complete() -> None:
     """The columns of a row of estimates, and those that `check` adds."""
     assert tuple(row[0] for row in _rows("results.md", "A row of estimates")) == COLUMNS

@@ -18,12 +18,13 @@ class Analysis:
     """An analysis: where its function is, the logs without which it has nothing to say, and its own options.
 
     The function is called with the trial, bins, `confidence`, `progress` and those attributes of a plan that `takes`
-    names.
+    names. `optional`: where its logs turn out to be of no use, a report goes on without it and says so.
     """
 
     function: str
     needs: tuple[str, ...]
     takes: tuple[str, ...] = ()
+    optional: bool = False
 
     def load(self) -> Callable[..., Result]:
         """The function itself (imported now, not before it is needed)."""
@@ -42,6 +43,11 @@ ANALYSES: dict[str, Analysis] = {
     ),
     "rcs": Analysis("rangeeval.analyses.rcs:rcs", needs=("detections",), takes=("per_track",)),
     "attitude": Analysis("rangeeval.analyses.attitude:attitude", needs=("tilt",)),
+    "bearing": Analysis("rangeeval.analyses.bearing:bearing", needs=("snapshots",)),
+    "replay": Analysis(
+        "rangeeval.analyses.replay:replay_for_report", needs=("plots",), takes=("per_track",), optional=True
+    ),
+    "truth": Analysis("rangeeval.analyses.truth:truth", needs=("plots", "truth"), takes=("per_track",), optional=True),
 }
 
 

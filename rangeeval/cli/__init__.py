@@ -23,7 +23,13 @@ COMMANDS: dict[str, str] = {
     "accuracy": "rangeeval.cli.accuracy:accuracy",
     "attitude": "rangeeval.cli.attitude:attitude",
     "rcs": "rangeeval.cli.rcs:rcs",
+    "bearing": "rangeeval.cli.bearing:bearing",
+    "replay": "rangeeval.cli.replay:replay",
+    "truth": "rangeeval.cli.truth:truth",
     "check": "rangeeval.cli.check:check",
+    "compare": "rangeeval.cli.compare:compare",
+    "evaluate": "rangeeval.cli.evaluate:evaluate",
+    "catalog": "rangeeval.cli.catalog:catalog",
     "simulate": "rangeeval.cli.simulate:simulate",
 }
 

@@ -11,7 +11,7 @@ import click
 from rangeeval.errors import SettingsError, one_line
 
 if TYPE_CHECKING:
-    from rangeeval.model import Bins, Trial
+    from rangeeval.model import BinChoice, Bins, Trial
 
 Command = Callable[..., Any]
 
@@ -59,23 +59,18 @@ def opened(trial: list[Path]) -> Trial:
     return open_trial(trial if len(trial) > 1 else trial[0])
 
 
-def bins_of(
-    trial: Trial, *, variable: str | None, bin_width: float | None, bin_start: float | None, snr_span: float | None
-) -> Bins:
+def bin_choice(
+    *, variable: str | None, bin_width: float | None, bin_start: float | None, snr_span: float | None
+) -> BinChoice:
+    """What the options ask of the bins of any trial."""
+    from rangeeval.model import BinChoice
+
+    return BinChoice(variable, bin_width, bin_start, snr_span)
+
+
+def bins_of(trial: Trial, **bins: Any) -> Bins:
     """The trial's bins with what the options change."""
-    import dataclasses
-
-    from rangeeval.model import Bins
-    from rangeeval.model.settings import VARIABLES, settings_from
-
-    asked = {"variable": variable, "width": bin_width, "start": bin_start, "snr_span_db": snr_span}
-    own = {k: v for k, v in dataclasses.asdict(trial.settings.bins).items() if v is not None}
-    if variable in VARIABLES and variable != own["variable"]:  # the trial's own width and start are of another unit
-        if bin_width is None and snr_span is None:
-            raise SettingsError(f"--bins {variable} needs --bin-width: the trial's own is for {own['variable']}")
-        own = {"min_samples": own["min_samples"]}
-    merged = {**own, **{k: v for k, v in asked.items() if v is not None}}
-    return Bins.of(settings_from({"bins": merged}, "options").bins)
+    return bin_choice(**bins).of(trial.settings.bins)
 
 
 def pair(text: str) -> tuple[str, float]:

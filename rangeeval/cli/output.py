@@ -5,28 +5,31 @@ from __future__ import annotations
 import contextlib
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from rangeeval.errors import one_line
+from rangeeval.errors import SettingsError, one_line
 
 if TYPE_CHECKING:
     from rangeeval.model import Problem, Result, Trial
 
 
-def show(trial: Trial, result: Result, form: str | None, output: Path | None) -> None:
-    """Print or write a result in the form asked for (by default that of the file's ending, else a table)."""
+def show(trial: Trial | None, result: Result, form: str | None, output: Path | None) -> None:
+    """Print or write a result in the form asked for (by default that of the file's ending, else a table).
+
+    `trial`: what it was made from, when that is one trial.
+    """
     import dataclasses
 
     from rangeeval import flow
 
     form = form or {".json": "json", ".csv": "csv"}.get(output.suffix.lower() if output else "", "table")
-    problems = tuple(dict.fromkeys((*trial.problems, *result.problems)))
+    problems = tuple(dict.fromkeys((*(trial.problems if trial else ()), *result.problems)))
     if form == "json":
-        origin = result.provenance or flow.provenance(trial)
+        origin = result.provenance or (flow.provenance(trial) if trial else {})
         text = dataclasses.replace(result, problems=problems, provenance=origin).to_json() + "\n"
     elif form == "csv":
         text = result.estimates.to_csv(index=False, lineterminator="\n")
@@ -44,6 +47,27 @@ def write(text: str, output: Path | None) -> None:
         click.echo(text, nl=False)
     else:
         output.write_text(text, encoding="utf-8", newline="")
+
+
+def export(rows: Iterable[Mapping[str, object]], form: str | None, output: Path | None) -> bool:
+    """Print or write rows in the form asked for, by default that of the file's ending. False when that is a table."""
+    form = form or {".json": "json", ".csv": "csv", ".parquet": "parquet"}.get(output.suffix.lower() if output else "")
+    if form in (None, "table"):
+        if output is not None:
+            raise SettingsError(f"{output}: give --format json, csv or parquet, or a file name that ends so")
+        return False
+    from rangeeval.reporting import export as written
+
+    if form == "parquet":
+        if output is None:
+            raise SettingsError("--format parquet needs -o FILE")
+        written.write_parquet(rows, output)
+    elif output is None:
+        written.write_text(rows, form, sys.stdout)
+    else:
+        with output.open("w", encoding="utf-8", newline="") as stream:
+            written.write_text(rows, form, stream)
+    return True
 
 
 def warn(problems: Iterable[Problem]) -> None:

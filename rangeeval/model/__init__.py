@@ -1,16 +1,17 @@
 """The nouns: log kinds and their columns, tables, trials and their settings, bins, estimates and results."""
 
-from rangeeval.model.bins import Bins
+from rangeeval.model.bins import BinChoice, Bins
 from rangeeval.model.kinds import KINDS, Column, LogKind, recognise
 from rangeeval.model.result import Estimate, Result
-from rangeeval.model.settings import TrialSettings, settings_from
-from rangeeval.model.table import CHUNK_ROWS, Log, Problem, Table, gather, log_of
+from rangeeval.model.settings import SensorArray, TrialSettings, settings_from
+from rangeeval.model.table import CHUNK_ROWS, Log, Problem, Table, gather, log_of, piece_rows
 from rangeeval.model.trial import Source, Trial, as_trial
 from rangeeval.model.updates import updates
 
 __all__ = [
     "CHUNK_ROWS",
     "KINDS",
+    "BinChoice",
     "Bins",
     "Column",
     "Estimate",
@@ -18,6 +19,7 @@ __all__ = [
     "LogKind",
     "Problem",
     "Result",
+    "SensorArray",
     "Source",
     "Table",
     "Trial",
@@ -25,6 +27,7 @@ __all__ = [
     "as_trial",
     "gather",
     "log_of",
+    "piece_rows",
     "recognise",
     "settings_from",
     "updates",

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rangeeval.model.settings import BinSettings
+from rangeeval.errors import SettingsError
+from rangeeval.model.settings import VARIABLES, BinSettings, settings_from
 
 OUTSIDE = -1
 MAX_BINS = 100_000  # a bin number beyond this is a frame or unit error in the log, not a bin
@@ -50,3 +52,26 @@ class Bins:
         if self.ratio is None:
             return self.start + i * self.width, self.start + (i + 1) * self.width
         return self.start * self.ratio**i, self.start * self.ratio ** (i + 1)
+
+
+@dataclass(frozen=True)
+class BinChoice:
+    """What a user asks of the bins, whichever trial it is; None leaves the trial's own setting."""
+
+    variable: str | None = None
+    width: float | None = None
+    start: float | None = None
+    snr_span_db: float | None = None
+
+    def of(self, settings: BinSettings) -> Bins:
+        """The trial's bins with what is asked. Raises SettingsError for what does not go together."""
+        own = {k: v for k, v in dataclasses.asdict(settings).items() if v is not None}
+        if self.variable in VARIABLES and self.variable != own["variable"]:
+            # The trial's own width and start are of another unit.
+            if self.width is None and self.snr_span_db is None:
+                raise SettingsError(
+                    f"--bins {self.variable} needs --bin-width: the trial's own is for {own['variable']}"
+                )
+            own = {"min_samples": own["min_samples"]}
+        asked = {k: v for k, v in dataclasses.asdict(self).items() if v is not None}
+        return Bins.of(settings_from({"bins": {**own, **asked}}, "options").bins)

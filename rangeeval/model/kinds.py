@@ -8,13 +8,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a log kind: its stored (SI) name, its unit, and whether it is a number or a label."""
+    """One column of a log kind: its stored (SI) name, its unit, and whether it is a number or a label.
+
+    A `wide` column holds an array of numbers a row, real or complex: one a sensor.
+    """
 
     name: str
     unit: str = "1"
     required: bool = False
     text: bool = False
     about: str = ""
+    wide: bool = False
 
 
 @dataclass(frozen=True)
@@ -100,6 +104,8 @@ RESIDUALS = LogKind(
         _c("waveform", about="waveform in use", text=True),
         _c("attenuation_db", "db", "attenuator state"),
         *_GAINS,
+        _c("nis", about="normalised innovation squared of the update"),
+        *(_c(f"mode_{i}_probability", about=f"probability of model {i} of an IMM filter") for i in range(1, 5)),
     ),
     any_of=(
         "range_residual_m",
@@ -182,11 +188,28 @@ TRUTH = LogKind(
         _c("north_m", "m", "north of the site"),
         _c("up_m", "m", "above the site"),
         _c("east_m", "m", "east of the site"),
+        _c("bearing_rad", "rad", "bearing from the array, from its x axis towards its y axis"),
+        *(
+            _c(f"{axis}_velocity_m_s", "m_s", f"velocity {about}")
+            for axis, about in (("north", "to the north"), ("up", "upwards"), ("east", "to the east"))
+        ),
+        *(
+            _c(f"covariance_{a}_{b}_m2", "m2", f"covariance of {a} and {b}")
+            for a, b in (
+                ("north", "north"),
+                ("north", "up"),
+                ("north", "east"),
+                ("up", "up"),
+                ("up", "east"),
+                ("east", "east"),
+            )
+        ),
     ),
-    any_of=("latitude_deg", "north_m"),
+    any_of=("latitude_deg", "north_m", "bearing_rad"),
 )
 
-SNAPSHOTS = LogKind("snapshots", "one array sample", (TIME,))
+SAMPLES = Column("samples", "1", required=True, about="what each sensor received, complex or real", wide=True)
+SNAPSHOTS = LogKind("snapshots", "one array sample", (TIME, SAMPLES))
 
 KINDS: dict[str, LogKind] = {k.name: k for k in (RESIDUALS, GAINS, TILT, DETECTIONS, PLOTS, TRUTH, SNAPSHOTS)}
 
@@ -196,8 +219,9 @@ _RECOGNISED_BY: dict[str, frozenset[str]] = {
     "gains": frozenset(GAIN_COLUMNS),
     "tilt": frozenset(TILT.names) - {"time_s"},
     "detections": frozenset({"detected", "snr_per_m2"}),
-    "truth": frozenset({"latitude_deg", "longitude_deg", "north_m", "up_m", "east_m"}),
+    "truth": frozenset({"latitude_deg", "longitude_deg", "north_m", "up_m", "east_m", "bearing_rad"}),
     "plots": frozenset({"range_m", "azimuth_rad"}),
+    "snapshots": frozenset({"samples"}),
 }
 
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 from rangeeval.errors import InputError, one_line
 
-VERSION = 1
+VERSION = 2
+WITHOUT_ARRAYS = 1  # the layout of a trial without a snapshots log: releases that know no other read it too
 HEADER_BYTES = 512
 MAGIC = b"rangeeval archive "
 
@@ -49,7 +50,7 @@ def read_header(head: bytes, where: str) -> Header:
     except ValueError:
         shown = one_line(lines[0].decode("ascii", "replace"), 60)
         raise InputError(f"{where}: the archive is damaged: its header begins '{shown}'") from None
-    if version != VERSION:
+    if not WITHOUT_ARRAYS <= version <= VERSION:
         raise InputError(
             f"{where}: an archive of layout {version}; this version of rangeeval reads layouts 1 to {VERSION}"
         )

@@ -7,7 +7,7 @@ import math
 import types
 import typing
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
 from rangeeval.errors import SettingsError, did_you_mean, one_line
@@ -118,6 +118,103 @@ class RadarEquation:
     calibration_db: float | None = None
 
 
+@dataclass(frozen=True)
+class SensorArray:
+    """The array behind a `snapshots` log: what the file says of it, over which `trial.toml` has the last word.
+
+    `sensor_position_m`: a row a sensor, x, y and perhaps z (up). A bearing is counted from the x axis towards the y
+    axis, to where the signal comes from. `y_axis`: whether y lies to the `right` or the `left` of x, seen from above;
+    `heading_deg`: where x points, clockwise from north. With both a bearing is shown as a `compass` one, else as that
+    of the `array`. `sampling_rate_hz` stands in for `time_s`. Real samples are broad-band: taken apart into the
+    frequencies of `band_hz`, over blocks of `block_s`. `pattern`: what one element hears over the angle from where it
+    faces (`facing_deg`; outwards by default), `omnidirectional`, `cosine` to a power, or a `baffle` that leaves
+    `pattern_back` behind it. `sector_deg`: where sources can be.
+    """
+
+    sensor_position_m: tuple[tuple[float, ...], ...] = ()
+    frequency_hz: float | None = None
+    propagation_speed_m_s: float | None = None
+    sampling_rate_hz: float | None = None
+    start_time_s: float = 0.0
+    time_zero: str = ""
+    sensors: tuple[str, ...] = ()
+    conjugate: bool = False
+    targets: int | None = None
+    start_bearing_deg: tuple[float, ...] = ()
+    start_rate_deg_s: tuple[float, ...] = ()
+    band_hz: tuple[float, ...] = ()
+    block_s: float | None = None
+    y_axis: str = "right"
+    heading_deg: float = 0.0
+    bearings: str = "array"
+    pattern: str = "omnidirectional"
+    pattern_exponent: float = 1.0
+    pattern_back: float = 0.1
+    facing_deg: tuple[float, ...] = ()
+    elevation_deg: float = 0.0
+    sector_deg: tuple[float, ...] = ()
+
+    def over(self, other: SensorArray) -> SensorArray:
+        """This one, with what it leaves open taken from another."""
+        given = {f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) != f.default}
+        return replace(other, **given)
+
+
+UNKNOWN_ARRAY = SensorArray()
+
+
+@dataclass(frozen=True)
+class TruthSettings:
+    """How plots are compared with truth.
+
+    `max_gap_s`: points of the truth farther apart leave a gap (default: five of its usual intervals, a second at
+    least). `gate_m`: how near a target whose name no path has must be to a path. `time_offset_s`: how much later than
+    the plots' clock the truth's is read. `max_speed_m_s`: a position that can't be reached below this speed is a jump.
+    """
+
+    max_gap_s: float | None = None
+    gate_m: float | None = None
+    time_offset_s: float = 0.0
+    max_speed_m_s: float = 2000.0
+
+
+@dataclass(frozen=True)
+class ReplaySettings:
+    """How recorded plots are run through a tracking filter; the command line's options go before these.
+
+    `range_sigma_m`, `azimuth_sigma_deg`, `elevation_sigma_deg`: measurement noise (default: estimated from the plots
+    themselves). `association`: `id`, `nearest`, `global` or `pda` (default: by target_id where the log has it, else
+    global). `process_noise_m_s2`, `turn_noise_rad_s`, `turn_prior_rad_s`: of the filter's models, one value a model.
+    `transition`: rows of the IMM's matrix per `reference_interval_s`. `alpha`, `beta`: gains of range, y, z instead of
+    those of the tracking index of `design_acceleration_m_s2`. `face`: `target` (an antenna that turns to each target),
+    or `site` (a face fixed by [site] heading_deg and tilt_deg). `gate_probability`, `restart_after`, `restart_gap_s`:
+    when a plot is not believed, and when a track starts anew. `detection_probability`, `clutter_per_m3`: of `pda`.
+    `ospa_cutoff_m`: of OSPA and GOSPA.
+    """
+
+    filter: str | None = None
+    range_sigma_m: float | None = None
+    azimuth_sigma_deg: float | None = None
+    elevation_sigma_deg: float | None = None
+    association: str | None = None
+    process_noise_m_s2: tuple[float, ...] = ()
+    turn_noise_rad_s: float | None = None
+    turn_prior_rad_s: float | None = None
+    transition: tuple[tuple[float, ...], ...] = ()
+    reference_interval_s: float | None = None
+    alpha: tuple[float, ...] = ()
+    beta: tuple[float, ...] = ()
+    design_acceleration_m_s2: float | None = None
+    face: str = "target"
+    gate_probability: float | None = None
+    restart_after: int | None = None
+    restart_gap_s: float | None = None
+    detection_probability: float = 0.9
+    clutter_per_m3: float | None = None
+    max_speed_m_s: float = 1000.0
+    ospa_cutoff_m: float = 500.0
+
+
 VARIABLES = ("range", "azimuth", "elevation", "snr", "aspect", "time")
 
 
@@ -167,6 +264,9 @@ class TrialSettings:
     attitude: Attitude = Attitude()
     detections: DetectionSettings = DetectionSettings()
     radar_equation: RadarEquation = RadarEquation()
+    array: SensorArray = SensorArray()
+    truth: TruthSettings = TruthSettings()
+    replay: ReplaySettings = ReplaySettings()
     bins: BinSettings = BinSettings()
     requirements: tuple[Requirement, ...] = ()
     logs: tuple[LogSettings, ...] = ()
@@ -192,10 +292,11 @@ def _value(value: Any, hint: Any, where: str) -> Any:
         return _table(value, typing.cast(type, hint), where)
     origin = typing.get_origin(hint)
     if origin is tuple:
-        if not isinstance(value, list):
-            raise SettingsError(f"{where}: is {one_line(value, 40)!r}, expected an array of tables ([[...]])")
         item = typing.get_args(hint)[0]
-        return tuple(_table(v, item, f"{where}[{i}]") for i, v in enumerate(value))
+        if not isinstance(value, list):
+            wanted = "an array of tables ([[...]])" if is_dataclass(item) else "an array ([..., ...])"
+            raise SettingsError(f"{where}: is {one_line(value, 40)!r}, expected {wanted}")
+        return tuple(_value(v, item, f"{where}[{i}]") for i, v in enumerate(value))
     if origin is not None:  # Mapping[str, X]
         if not isinstance(value, dict):
             raise SettingsError(f"{where}: is {one_line(value, 40)!r}, expected a table")
@@ -279,6 +380,7 @@ def _check(settings: TrialSettings, where: str) -> None:
                 f"{at}.residual_stage is '{one_line(log.residual_stage, 40)}'; known: predicted, updated"
             )
     _check_detections(settings, where)
+    _check_array(settings.array, where)
     radar = settings.radar
     for name in (
         "bandwidth_hz",
@@ -320,6 +422,49 @@ def _check_detections(settings: TrialSettings, where: str) -> None:
         value = getattr(e, key)
         if value is not None and value <= 0:
             raise SettingsError(f"{where}: radar_equation.{key} is {value:g}, expected more than 0")
+
+
+def _check_array(array: SensorArray, where: str) -> None:
+    for key in ("frequency_hz", "propagation_speed_m_s", "sampling_rate_hz", "block_s"):
+        value = getattr(array, key)
+        if value is not None and value <= 0:
+            raise SettingsError(f"{where}: array.{key} is {value:g}, expected more than 0")
+    for key, known in (
+        ("y_axis", ("right", "left")),
+        ("bearings", ("array", "compass")),
+        ("pattern", ("omnidirectional", "cosine", "baffle")),
+    ):
+        value = getattr(array, key)
+        if value not in known:
+            raise SettingsError(f"{where}: array.{key} is '{one_line(value, 40)}'; {did_you_mean(value, known)}")
+    widths = {len(row) for row in array.sensor_position_m}
+    if widths and widths not in ({2}, {3}):
+        raise SettingsError(
+            f"{where}: array.sensor_position_m has rows of {', '.join(map(str, sorted(widths)))} numbers, expected 2 "
+            "(x, y) or 3 (x, y, z) in each"
+        )
+    if array.sensors and widths and len(array.sensors) != len(array.sensor_position_m):
+        raise SettingsError(
+            f"{where}: array.sensors names {len(array.sensors)}, array.sensor_position_m has "
+            f"{len(array.sensor_position_m)} rows"
+        )
+    if array.targets is not None and array.targets < 1:
+        raise SettingsError(f"{where}: array.targets is {array.targets}, expected 1 or more")
+    if array.sector_deg and not (len(array.sector_deg) == 2 and array.sector_deg[0] < array.sector_deg[1]):
+        raise SettingsError(f"{where}: array.sector_deg is {list(array.sector_deg)}, expected [low, high] in degrees")
+    if array.targets is not None and array.start_bearing_deg and len(array.start_bearing_deg) != array.targets:
+        raise SettingsError(
+            f"{where}: array.start_bearing_deg gives {len(array.start_bearing_deg)} bearings for "
+            f"{array.targets} targets"
+        )
+    if array.start_rate_deg_s and len(array.start_rate_deg_s) != len(array.start_bearing_deg):
+        raise SettingsError(
+            f"{where}: array.start_rate_deg_s gives {len(array.start_rate_deg_s)} rates for "
+            f"{len(array.start_bearing_deg)} start_bearing_deg"
+        )
+    band = array.band_hz
+    if band and not (len(band) == 2 and 0 <= band[0] < band[1]):
+        raise SettingsError(f"{where}: array.band_hz is {list(band)}, expected [low, high] in Hz")
 
 
 def _check_attitude(attitude: Attitude, where: str) -> None:

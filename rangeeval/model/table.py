@@ -4,16 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rangeeval.errors import InputError, did_you_mean
 from rangeeval.model.kinds import KINDS, LogKind
+from rangeeval.model.settings import SensorArray
 
 CHUNK_ROWS = 262_144  # part of the results' definition: fixed pieces give the same bits whatever the machine
 
 MAX_SHOWN = 5
+
+ColumnArray = NDArray[np.float64] | NDArray[np.int32] | NDArray[np.complex128]
+
+
+def piece_rows(width: int = 1) -> int:
+    """Rows of a piece of a log whose widest column has `width` numbers a row: so many that pieces are of one size."""
+    return max(1, CHUNK_ROWS // max(width, 1))
 
 
 @dataclass(frozen=True)
@@ -50,6 +59,11 @@ class Problem:
         }
 
 
+def real_or_complex(values: NDArray[Any]) -> NDArray[np.float64] | NDArray[np.complex128]:
+    """Numbers in double precision, complex where they are."""
+    return np.asarray(values, np.complex128) if values.dtype.kind == "c" else np.asarray(values, np.float64)
+
+
 def gather(problems: Collection[Problem]) -> tuple[Problem, ...]:
     """The same problems, those of one place and reason merged, in the order they were met."""
     merged: dict[tuple[str, str], Problem] = {}
@@ -64,11 +78,12 @@ class Table:
     """One piece of a log: columns of equal length.
 
     Number columns are float64 in SI units, NaN where missing. Text columns are int32 codes into `labels[name]`
-    (-1 where missing); later pieces of a log may only append labels, so a code means the same in every piece.
-    `first_row` is the number, in the source, of the first row (for a text file: its line), for messages.
+    (-1 where missing); later pieces of a log may only append labels, so a code means the same in every piece. A wide
+    column (rows, sensors) is float64 or complex128. `first_row` is the number, in the source, of the first row (for a
+    text file: its line), for messages.
     """
 
-    columns: Mapping[str, NDArray[np.float64] | NDArray[np.int32]]
+    columns: Mapping[str, ColumnArray]
     labels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     first_row: int = 0
     problems: tuple[Problem, ...] = ()
@@ -95,6 +110,10 @@ class Table:
             return np.zeros(len(self), np.int32)
         return np.asarray(column, dtype=np.int32)
 
+    def wide(self, name: str) -> NDArray[np.float64] | NDArray[np.complex128]:
+        """A wide column, (rows, sensors) (KeyError when the log does not have it)."""
+        return real_or_complex(self.columns[name])
+
     def texts(self, name: str) -> list[str]:
         """A text column as text, '' where missing."""
         labels = (*self.labels.get(name, ()), "")
@@ -115,6 +134,7 @@ class Log:
     `pieces(names)` yields tables of at most `CHUNK_ROWS` rows with those of the named columns the log has (all when
     None), converted to SI, with the problems met in them; reading twice gives the same. `stage` is `predicted` for
     residuals before the update, `updated` for those after it. `written` is the name each column has in its file.
+    `array` is what is known of the array behind a snapshots log.
     """
 
     kind: str
@@ -124,6 +144,7 @@ class Log:
     rows: int | None = None
     stage: str = "predicted"
     written: Mapping[str, str] = field(default_factory=dict)
+    array: SensorArray | None = None
 
     @property
     def definition(self) -> LogKind:
@@ -149,14 +170,16 @@ class Log:
         )
 
 
-def log_of(kind: str, columns: Mapping[str, object], source: str = "table") -> Log:
+def log_of(kind: str, columns: Mapping[str, object], source: str = "table", array: SensorArray | None = None) -> Log:
     """Make a log from plain columns in memory (a dict of sequences, or a pandas DataFrame), in stored units and names.
 
-    Raises InputError naming the nearest column when one is unknown, or the one that is missing.
+    `array` goes with a snapshots log, whose `samples` are (rows, sensors). Raises InputError naming the nearest
+    column when one is unknown, or the one that is missing.
     """
     definition = KINDS[kind]
-    data: dict[str, NDArray[np.float64] | NDArray[np.int32]] = {}
+    data: dict[str, ColumnArray] = {}
     labels: dict[str, tuple[str, ...]] = {}
+    width = 1
     for name in columns:
         if name not in definition.names:
             raise InputError(
@@ -167,6 +190,12 @@ def log_of(kind: str, columns: Mapping[str, object], source: str = "table") -> L
             codes: dict[str, int] = {}
             data[name] = np.array([codes.setdefault(str(v), len(codes)) for v in values], np.int32)  # type: ignore[attr-defined]
             labels[name] = tuple(codes)
+        elif definition.column(name).wide:
+            wide = np.asarray(values)
+            if wide.ndim != 2 or wide.dtype.kind not in "iufc":
+                raise InputError(f"{source}: {name} has the shape {wide.shape}, expected numbers (rows, sensors)")
+            data[name] = real_or_complex(wide)
+            width = wide.shape[1]
         else:
             data[name] = np.asarray(values, dtype=np.float64)
     lengths = {len(c) for c in data.values()}
@@ -178,7 +207,8 @@ def log_of(kind: str, columns: Mapping[str, object], source: str = "table") -> L
 
     def pieces(names: Collection[str] | None) -> Iterator[Table]:
         chosen = {n: c for n, c in data.items() if names is None or n in names}
-        for start in range(0, max(len(table), 1), CHUNK_ROWS):
-            yield Table({n: c[start : start + CHUNK_ROWS] for n, c in chosen.items()}, labels, start)
+        size = piece_rows(width)
+        for start in range(0, max(len(table), 1), size):
+            yield Table({n: c[start : start + size] for n, c in chosen.items()}, labels, start)
 
-    return Log(kind, source, tuple(data), pieces, len(table))
+    return Log(kind, source, tuple(data), pieces, len(table), array=array)

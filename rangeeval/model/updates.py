@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rangeeval.errors import InputError, one_line
-from rangeeval.model.table import CHUNK_ROWS, MAX_SHOWN, Log, Problem, Table
+from rangeeval.model.table import CHUNK_ROWS, MAX_SHOWN, ColumnArray, Log, Problem, Table
 from rangeeval.model.trial import Trial
 
 TOLERANCE_S = 1e-6
@@ -30,7 +30,7 @@ FROM_SINES = {
 _RESIDUALS = {"range_residual_m": "alpha_range", "y_residual_m": "alpha_y", "z_residual_m": "alpha_z"}
 
 Floats = NDArray[np.float64]
-Columns = dict[str, NDArray[np.float64] | NDArray[np.int32]]
+Columns = dict[str, ColumnArray]
 
 
 def updates(trial: Trial, names: Collection[str] | None = None) -> Iterator[Table]:
@@ -120,7 +120,8 @@ def _finished(piece: Table, log: Log, plan: _Plan) -> Table:
     if log.stage == "updated":
         for name, gain in _RESIDUALS.items():
             if name in columns and gain in columns:
-                columns[name], found = _before_update(columns[name], columns[gain], name, gain, log, piece)
+                values, alpha = (np.asarray(columns[c], np.float64) for c in (name, gain))
+                columns[name], found = _before_update(values, alpha, name, gain, log, piece)
                 problems += found
             elif name in columns and name in plan.give:
                 raise InputError(
@@ -132,8 +133,8 @@ def _finished(piece: Table, log: Log, plan: _Plan) -> Table:
 
 
 def _before_update(
-    values: NDArray[np.float64] | NDArray[np.int32],
-    alpha: NDArray[np.float64] | NDArray[np.int32],
+    values: Floats,
+    alpha: Floats,
     name: str,
     gain: str,
     log: Log,

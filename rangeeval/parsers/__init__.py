@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rangeeval.errors import InputError, one_line
-from rangeeval.model import Log, Problem, Source, Trial, TrialSettings
+from rangeeval.model import Log, Problem, SensorArray, Source, Trial, TrialSettings
 from rangeeval.model.settings import LogSettings
-from rangeeval.parsers import archive, hdf5, numpy_files, parquet, text
+from rangeeval.parsers import archive, hdf5, numpy_files, parquet, sac, text
 from rangeeval.parsers.blocks import Contents, SourceFile
 from rangeeval.parsers.hashing import sha256_of
 from rangeeval.parsers.settings import FILE, file_of, read_settings
@@ -21,10 +21,14 @@ HEAD_BYTES = 4096
 
 @dataclass(frozen=True)
 class Format:
-    """A file format: whether these first bytes are of it (never the name), and how its logs are read."""
+    """A file format: whether these first bytes are of it (never the name), and how its logs are read.
+
+    `together`: reads all files of the format in a trial as one, where a file holds one channel.
+    """
 
     recognises: Callable[[bytes, Path], bool]
     read: Callable[[SourceFile], Contents]
+    together: Callable[[Sequence[SourceFile]], Contents] | None = None
 
 
 # Asked in this order; text last, since a binary file may begin like text.
@@ -33,6 +37,7 @@ FORMATS: dict[str, Format] = {
     "parquet": Format(parquet.recognises, parquet.read),
     "npz": Format(numpy_files.recognises_npz, numpy_files.read_npz),
     "npy": Format(numpy_files.recognises_npy, numpy_files.read_npy),
+    "sac": Format(sac.recognises, sac.read, together=sac.read_together),
     "text": Format(text.recognises, text.read),
 }
 
@@ -78,7 +83,8 @@ def open_trial(
     files = [SourceFile(path, one_line(path.name)) for path in chosen if path.name != FILE]
     folder = chosen[0].resolve().parent
     name = files[0].path.stem if len(files) == 1 else folder.name
-    files = [replace(file, settings=_settings_of(file, folder, settings)) for file in files]
+    array = settings.array if settings else SensorArray()
+    files = [replace(file, settings=_settings_of(file, folder, settings), array=array) for file in files]
     return _trial(name, files, settings or TrialSettings(), must=True)
 
 
@@ -100,11 +106,11 @@ def _folder(folder: Path, settings: TrialSettings | None) -> Trial:
         # Only plain files: opening a pipe or a device could wait for ever.
         if not entry.name.startswith(".") and entry.name != FILE and _is_plain(entry):
             files[entry.resolve()] = SourceFile(
-                entry, f"{one_line(name)}/{one_line(entry.name)}", described.get(entry.resolve())
+                entry, f"{one_line(name)}/{one_line(entry.name)}", described.get(entry.resolve()), settings.array
             )
     for path, log in described.items():
         if path not in files:
-            files[path] = SourceFile(folder / log.file, f"{one_line(name)}/{one_line(log.file)}", log)
+            files[path] = SourceFile(folder / log.file, f"{one_line(name)}/{one_line(log.file)}", log, settings.array)
     return _trial(name, list(files.values()), settings, must=False)
 
 
@@ -120,27 +126,56 @@ def _trial(name: str, files: Sequence[SourceFile], settings: TrialSettings, *, m
     sources: list[Source] = []
     problems: list[Problem] = []
     known = formats()
-    for file in files:
-        format_name, contents = _read(file, known)
+    for group, format_name, contents in _contents(files, known):
         if not contents.logs:
-            if must or file.settings is not None:
+            if must or any(file.settings is not None for file in group):
                 why = contents.unrecognised or "it is a report, a picture or settings"
-                raise InputError(f"{file.name}: not recognised as a log: {why}")
+                raise InputError(f"{group[0].name}: not recognised as a log: {why}")
             if contents.unrecognised:
-                problems.append(Problem(file.name, f"not recognised as a log: {contents.unrecognised}"))
+                problems.append(Problem(group[0].name, f"not recognised as a log: {contents.unrecognised}"))
             continue
         logs += contents.logs
         problems += contents.problems
         kinds = ", ".join(dict.fromkeys(log.kind for log in contents.logs))
-        inside = file.name.split("/", 1)[-1]
-        sources.append(Source(inside, str(file.path), format_name, kinds, file.path.stat().st_size))
+        for file in group:
+            inside = file.name.split("/", 1)[-1]
+            sources.append(Source(inside, str(file.path), format_name, kinds, file.path.stat().st_size))
     if not logs:
         seen = "; ".join(f"{p.where}: {p.reason}" for p in problems[:3])
         raise InputError(f"{one_line(name)}: no log was recognised in it" + (f" ({seen})" if seen else ""))
     return Trial(name, tuple(logs), settings, tuple(sources), tuple(problems))
 
 
-def _read(file: SourceFile, known: Mapping[str, Format]) -> tuple[str, Contents]:
+def could_be_log(head: bytes, path: Path) -> bool:
+    """Whether a file that begins with `head` is worth reading as a log: a known format, no picture, no archive."""
+    if not head or _is_no_log(head) or archive.recognises(head):
+        return False
+    return any(entry.recognises(head, path) for entry in formats().values())
+
+
+def _is_no_log(head: bytes) -> bool:
+    return head.lstrip(b"\xef\xbb\xbf \t\r\n").lower().startswith(_NOT_LOGS)
+
+
+def _contents(
+    files: Sequence[SourceFile], known: Mapping[str, Format]
+) -> Iterator[tuple[list[SourceFile], str, Contents]]:
+    """What each file holds; of a format that is read together, its files as one, after the others."""
+    groups: dict[str, list[SourceFile]] = {}
+    for file in files:
+        format_name, contents = _read(file, known)
+        if contents is None:
+            groups.setdefault(format_name, []).append(file)
+        else:
+            yield [file], format_name, contents
+    for format_name, group in groups.items():
+        together = known[format_name].together
+        assert together is not None
+        yield group, format_name, together(group)
+
+
+def _read(file: SourceFile, known: Mapping[str, Format]) -> tuple[str, Contents | None]:
+    """The format of a file and what it holds; None where it is to be read together with others."""
     try:
         with file.path.open("rb") as stream:
             head = stream.read(HEAD_BYTES)
@@ -148,14 +183,14 @@ def _read(file: SourceFile, known: Mapping[str, Format]) -> tuple[str, Contents]
         raise InputError(f"{file.name}: cannot be read ({error.strerror})") from None
     if not head:
         return "", Contents(unrecognised="the file is empty")
-    if head.lstrip(b"\xef\xbb\xbf \t\r\n").lower().startswith(_NOT_LOGS) and file.settings is None:
+    if _is_no_log(head) and file.settings is None:
         return "", Contents()
     if archive.recognises(head):
         return "", Contents(unrecognised="it is the archive of a whole trial, to be read by itself")
     for format_name, entry in known.items():
         if entry.recognises(head, file.path):
-            return format_name, entry.read(file)
+            return format_name, entry.read(file) if entry.together is None else None
     return "", Contents(unrecognised="its content is of no known format")
 
 
-__all__ = ["FORMATS", "Format", "formats", "open_trial", "read_settings", "sha256_of"]
+__all__ = ["FORMATS", "HEAD_BYTES", "Format", "could_be_log", "formats", "open_trial", "read_settings", "sha256_of"]

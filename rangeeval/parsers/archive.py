@@ -10,14 +10,26 @@ import hashlib
 import json
 import os
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rangeeval.errors import InputError, one_line
-from rangeeval.model import CHUNK_ROWS, KINDS, Log, Problem, Result, Source, Table, Trial, TrialSettings, settings_from
+from rangeeval.model import (
+    CHUNK_ROWS,
+    KINDS,
+    Log,
+    Problem,
+    Result,
+    Source,
+    Table,
+    Trial,
+    TrialSettings,
+    piece_rows,
+    settings_from,
+)
 from rangeeval.model import layout as at
 from rangeeval.parsers import hdf5, safe
 from rangeeval.parsers.labels import Labels
@@ -68,6 +80,8 @@ def open_archive(path: str | os.PathLike[str], settings: TrialSettings | None = 
         meta = json.loads(looked["meta"])
         stored = _without_none(meta["settings"])
         logs = tuple(_log(Path(path), entry, looked["columns"], where) for entry in meta["logs"])
+        if settings is not None:
+            logs = tuple(replace(g, array=settings.array.over(g.array)) if g.array else g for g in logs)
         sources = tuple(
             Source(s["name"], str(path), s["format"], s["kind"], int(s["size"]), str(s["sha256"]))
             for s in meta["sources"]
@@ -122,17 +136,23 @@ def _log(path: Path, entry: Mapping[str, Any], held: Mapping[str, Any], where: s
         if name not in KINDS[kind].names:
             raise InputError(f"{where}: the archive is damaged: '{one_line(name, 60)}' is no column of a {kind} log")
         stored = held.get(f"{group}/{name}")
-        wanted = "text" if name in text else "number"
-        if stored is None or stored["rows"] != rows or stored["kind"] != wanted:
+        wide = KINDS[kind].column(name).wide
+        wanted = ("real", "complex") if wide else ("text",) if name in text else ("number",)
+        if stored is None or stored["rows"] != rows or stored["kind"] not in wanted:
             raise InputError(
-                f"{where}: the archive is damaged: {one_line(group)}/{name} should hold {rows} rows of {wanted}s"
+                f"{where}: the archive is damaged: {one_line(group)}/{name} should hold {rows} rows of {wanted[0]}s"
             )
     problems: dict[int, list[Problem]] = {}
     for number, problem in entry["problems"]:
         problems.setdefault(int(number), []).append(_problem(problem))
-    stored_log = _Stored(path, where, group, rows, columns, text, {k: tuple(v) for k, v in problems.items()})
+    size = piece_rows(int(entry.get("width", 1)))
+    stored_log = _Stored(path, where, group, rows, columns, text, {k: tuple(v) for k, v in problems.items()}, size)
     written = {str(k): str(v) for k, v in entry["written"].items()}
-    return Log(kind, str(entry["source"]), columns, stored_log.pieces, rows, entry["stage"], written)
+    array = None
+    if "array" in entry:
+        said = {"array": _without_none(entry["array"])}
+        array = settings_from(said, f"{where}: the archive is damaged: array").array
+    return Log(kind, str(entry["source"]), columns, stored_log.pieces, rows, entry["stage"], written, array)
 
 
 @dataclass(frozen=True)
@@ -146,6 +166,7 @@ class _Stored:
     columns: tuple[str, ...]
     text: frozenset[str]
     problems: Mapping[int, tuple[Problem, ...]] = field(default_factory=dict)
+    size: int = CHUNK_ROWS
 
     def pieces(self, names: Collection[str] | None = None) -> Iterator[Table]:
         """The log piece by piece, the pieces it was archived from."""
@@ -157,8 +178,8 @@ class _Stored:
         labels = {name: Labels() for name in chosen if name in self.text}
         try:
             with hdf5.open_file(h5py, self.path) as file:
-                for number, start in enumerate(range(0, max(self.rows, 1), CHUNK_ROWS)):
-                    stop = min(self.rows, start + CHUNK_ROWS)
+                for number, start in enumerate(range(0, max(self.rows, 1), self.size)):
+                    stop = min(self.rows, start + self.size)
                     try:
                         data = {name: file[f"{self.group}/{name}"][start:stop] for name in chosen}
                     except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
@@ -167,7 +188,9 @@ class _Stored:
                             f"damaged ({one_line(error, 120)})"
                         ) from error
                     columns: dict[str, Any] = {
-                        name: labels[name].code(values) if name in labels else np.asarray(values, np.float64)
+                        name: labels[name].code(values)
+                        if name in labels
+                        else np.asarray(values, np.complex128 if values.dtype.kind == "c" else np.float64)
                         for name, values in data.items()
                     }
                     texts = {name: coder.labels for name, coder in labels.items()}
@@ -237,6 +260,9 @@ def look(path: str) -> dict[str, Any]:
                 shown = one_line(column["path"], 100)
                 raise InputError(f"'{shown}' holds objects that are neither numbers nor text; such files are not read")
             columns[column["path"]] = {"rows": column["rows"], "kind": column["kind"]}
+    for found in looked["arrays"]:
+        (path_,) = found["datasets"]
+        columns[path_] = {"rows": found["rows"], "kind": found["kind"]}
     if f"/{at.META}" not in columns:
         raise InputError(f"the archive is damaged: it has no {at.META}")
     texts = [name for name in (at.META, at.RESULTS) if f"/{name}" in columns]

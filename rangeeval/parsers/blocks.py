@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rangeeval.errors import InputError, one_line
 from rangeeval.model import CHUNK_ROWS, Log, Problem, Table, gather
-from rangeeval.model.settings import LogSettings
+from rangeeval.model.settings import UNKNOWN_ARRAY, LogSettings, SensorArray
 from rangeeval.model.table import MAX_SHOWN
 from rangeeval.parsers.checks import Checks
 from rangeeval.parsers.columns import Field, Layout
@@ -24,16 +24,22 @@ AnyArray = NDArray[Any]
 
 @dataclass(frozen=True)
 class SourceFile:
-    """A file to read: where it is, how messages call it, and what `trial.toml` says about it."""
+    """A file to read: where it is, how messages call it, and what `trial.toml` says about it and about the array."""
 
     path: Path
     name: str
     settings: LogSettings | None = None
+    array: SensorArray = UNKNOWN_ARRAY
 
     @property
     def kind(self) -> str | None:
         """The kind that `trial.toml` gives it."""
         return self.settings.kind if self.settings else None
+
+    @property
+    def of_array(self) -> bool:
+        """Whether real numbers in it may be samples of an array: `trial.toml` says so, or describes an array."""
+        return self.kind == "snapshots" or (self.kind is None and self.array != UNKNOWN_ARRAY)
 
     @property
     def columns(self) -> Mapping[str, str]:
@@ -227,9 +233,9 @@ def _parsed(
 TEXT_IN_NUMBERS = "rows with text in a number column"
 
 
-def not_a_number(place: str, column: str, cell: str) -> str:
+def not_a_number(place: str, column: str, cell: str, expected: str = "a number") -> str:
     """The line about a cell that is not a number."""
-    return f"{place}: {one_line(column, 60)} is '{one_line(cell, 40)}', not a number"
+    return f"{place}: {one_line(column, 60)} is '{one_line(cell, 40)}', not {expected}"
 
 
 def _even(tables: Iterator[Table], fields: Sequence[Field], size: int) -> Iterator[Table]:

@@ -34,6 +34,8 @@ class Layout:
 def _spelled(kind: LogKind) -> dict[str, tuple[str, Unit, bool]]:
     known: dict[str, tuple[str, Unit, bool]] = {}
     for column in kind.columns:
+        if column.wide:  # an array a row stands in no table of columns
+            continue
         names = {column.name: Unit("", "1")} if column.text else spellings(column.name, column.unit)
         for written, unit in names.items():
             known[written] = (column.name, unit, column.text)

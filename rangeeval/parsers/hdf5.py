@@ -1,4 +1,4 @@
-"""HDF5: datasets of a group as columns, a compound dataset, or a 2-D dataset with a `columns` attribute.
+"""HDF5: datasets of a group as columns, a compound dataset, a 2-D dataset with a `columns` attribute, or array samples.
 
 A file is first looked into by a child process (`safe`), which refuses what could read other files or run code:
 external links, external storage, virtual datasets, filters beyond the standard ones, object references.
@@ -6,6 +6,7 @@ external links, external storage, virtual datasets, filters beyond the standard 
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from rangeeval.errors import InputError, one_line
 from rangeeval.model import CHUNK_ROWS, Problem
-from rangeeval.parsers import safe
+from rangeeval.parsers import safe, samples
 from rangeeval.parsers.blocks import Block, Contents, SourceFile, Written, log_from
 from rangeeval.parsers.columns import Field, lay_out
 
@@ -42,8 +43,14 @@ def read(file: SourceFile) -> Contents:
     """The logs of an HDF5 file: every group whose datasets make one, every compound or 2-D table that does."""
     looked = safe.call(__name__, "audit", str(file.path), file.name)
     logs = []
+    arrays = [a for a in looked["arrays"] if a["kind"] != "real" or a["placed"] or file.of_array]
     problems = [Problem(file.name, text) for text in looked["notes"]]
+    for found in arrays:
+        where = file.name if found["path"] == "/" else f"{file.name}:{one_line(found['path'], 100)}"
+        logs.append(samples.snapshots_log(_recorded(file.path, where, found), file))
     for table in looked["tables"]:
+        if any(found["path"] == table["path"] for found in arrays) and _only_times(table):
+            continue
         where = file.name if table["path"] == "/" else f"{file.name}:{one_line(table['path'], 100)}"
         names = tuple(c["name"] for c in table["columns"])
         usable = [c for c in table["columns"] if c["kind"] in {"number", "text"}]
@@ -67,6 +74,48 @@ def read(file: SourceFile) -> Contents:
     if not logs:
         return Contents(unrecognised="no group of datasets, compound or 2-D dataset in it has the columns of a log")
     return Contents(tuple(logs), tuple(problems))
+
+
+def _only_times(table: dict[str, Any]) -> bool:
+    return all(c["name"].casefold() in samples.TIMES for c in table["columns"])
+
+
+def _recorded(path: Path, where: str, found: dict[str, Any]) -> samples.Recorded:
+    """The snapshots of a group: one dataset, or two of real and imaginary part."""
+
+    @contextlib.contextmanager
+    def opened() -> Iterator[samples.ReadRows]:
+        import h5py
+
+        try:
+            with open_file(h5py, path) as file:
+                parts = [file[name] for name in found["datasets"]]
+                times = file[found["time_path"]] if found["time"] else None
+
+                def read_rows(start: int, stop: int) -> tuple[NDArray[Any] | None, NDArray[Any]]:
+                    try:
+                        values = [samples.as_complex(part[start:stop]) for part in parts]
+                        time = None if times is None else times[start:stop]
+                    except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
+                        raise InputError(
+                            f"{where}: rows {start} to {stop - 1} cannot be read, the file is damaged or cut off "
+                            f"({one_line(error, 120)})"
+                        ) from error
+                    return time, values[0] if len(values) == 1 else values[0] + 1j * values[1]
+
+                yield read_rows
+        except (OSError, RuntimeError, KeyError) as error:
+            raise InputError(f"{where}: cannot be opened ({one_line(error, 120)})") from error
+
+    if found["time"] and found["time_rows"] != found["rows"]:
+        raise InputError(
+            f"{where}: columns of different lengths: {samples.shown(found['time'])} {found['time_rows']}, "
+            f"{samples.shown(found['name'])} {found['rows']}"
+        )
+    said = samples.said_of(found["said"], where)
+    return samples.Recorded(
+        where, found["rows"], found["sensors"], opened, said, found["time"], samples.shown(found["name"])
+    )
 
 
 def open_file(h5py: Any, path: str | Path, **options: Any) -> Any:
@@ -163,7 +212,7 @@ def audit(path: str) -> dict[str, Any]:
         audit_ = _Audit(h5py, file)
         audit_.seen.add(h5py.h5o.get_info(file.id).addr)
         audit_.group(file, "/", 0)
-    return {"tables": audit_.tables, "notes": audit_.notes}
+    return {"tables": audit_.tables, "notes": audit_.notes, "arrays": audit_.arrays}
 
 
 class _Audit:
@@ -171,6 +220,7 @@ class _Audit:
         self.h5py = h5py
         self.seen: set[Any] = set()
         self.tables: list[dict[str, Any]] = []
+        self.arrays: list[dict[str, Any]] = []
         self.notes: list[str] = []
         self.size = file.id.get_filesize()
 
@@ -179,6 +229,7 @@ class _Audit:
             raise InputError(f"groups are nested deeper than {MAX_DEPTH}")
         h5 = self.h5py
         columns: list[dict[str, Any]] = []
+        wide: list[dict[str, Any]] = []
         inner: list[tuple[Any, str]] = []
         for name in group:
             here = f"{path.rstrip('/')}/{name}"
@@ -198,14 +249,43 @@ class _Audit:
             if isinstance(item, h5.Group):
                 inner.append((item, here))
             elif isinstance(item, h5.Dataset):
-                self.dataset(item, here, name, columns)
+                self.dataset(item, here, name, columns, wide)
         if columns:
             attributes = self.attributes(group)
             self.tables.append({"path": path, "form": "group", "columns": columns, **attributes})
+        if (found := _samples_among(wide, path)) is not None:
+            self.arrays.append(self.array(group, path, found, columns))
         for item, here in inner:
             self.group(item, here, depth + 1)
 
-    def dataset(self, dataset: Any, path: str, name: str, columns: list[dict[str, Any]]) -> None:
+    def array(self, group: Any, path: str, found: dict[str, Any], columns: list[dict[str, Any]]) -> dict[str, Any]:
+        """Samples with their times and what the group says of the array: its own datasets and attributes."""
+        time = next((c for c in columns if c["name"].casefold() in samples.TIMES), None)
+        said: dict[str, Any] = {}
+        for name in samples.FACTS:
+            value = None
+            if name in group:
+                hard = group.id.links.get_info(name.encode()).type == self.h5py.h5l.TYPE_HARD
+                item = group[name] if hard else None
+                if isinstance(item, self.h5py.Dataset) and _few_numbers(item):
+                    value = item[()]
+            elif name in group.attrs and _few_numbers(group.attrs.get_id(name)):
+                value = group.attrs[name]
+            if value is not None:
+                said[name] = np.asarray(value, np.float64).tolist()
+        return {
+            **found,
+            "path": path,
+            "time": time["name"] if time else "",
+            "time_path": time["path"] if time else "",
+            "time_rows": time["rows"] if time else 0,
+            "said": said,
+            "placed": any(name.startswith("sensor_position") for name in said),
+        }
+
+    def dataset(
+        self, dataset: Any, path: str, name: str, columns: list[dict[str, Any]], wide: list[dict[str, Any]]
+    ) -> None:
         shown = one_line(path, 100)
         plist = dataset.id.get_create_plist()
         if plist.get_layout() == self.h5py.h5d.VIRTUAL:
@@ -234,7 +314,7 @@ class _Audit:
             self.chunks(dataset, plist, shown, chunk_bytes)
         size = int(np.prod(shape, dtype=object)) * dtype.itemsize
         # What a reader does to the values can crash too: where they are few, they are all read here first.
-        if 0 < size <= READ_IN_CHILD and (dtype.names or _kind(dtype, self.h5py) != "other"):
+        if 0 < size <= READ_IN_CHILD and (dtype.names or dtype.kind == "c" or _kind(dtype, self.h5py) != "other"):
             try:
                 dataset[()]
             except (OSError, RuntimeError, ValueError, TypeError) as error:
@@ -249,9 +329,12 @@ class _Audit:
             self.tables.append({"path": path, "form": "compound", "columns": fields, **self.attributes(dataset)})
         elif len(shape) == 1:
             columns.append({**described, "name": name, "kind": _kind(dtype, self.h5py)})
+        elif dtype.kind == "c" or samples.is_pair(dtype.names):
+            wide.append({**described, "name": name, "sensors": int(shape[1]), "kind": "complex"})
         elif dtype.kind in "iuf":
             names = self.names(dataset)
             if len(names) != shape[1]:
+                wide.append({**described, "name": name, "sensors": int(shape[1]), "kind": "real"})
                 return
             fields = [{**described, "name": n, "kind": "number", "index": i} for i, n in enumerate(names)]
             self.tables.append({"path": path, "form": "matrix", "columns": fields, **self.attributes(dataset)})
@@ -304,6 +387,39 @@ class _Audit:
         if _kind(attribute.dtype, self.h5py) != "text":
             return None
         return item.attrs[name]
+
+
+def _few_numbers(item: Any) -> bool:
+    return item.dtype.kind in "iuf" and int(np.prod(item.shape, dtype=object)) <= 3 * samples.MAX_SENSORS
+
+
+def _samples_among(wide: list[dict[str, Any]], path: str) -> dict[str, Any] | None:
+    """Which of the 2-D datasets of a group are array samples; None for none. Raises InputError when it cannot tell."""
+    halves: dict[str, dict[str, dict[str, Any]]] = {}
+    for item in wide:
+        if item["kind"] == "real":
+            stem, ending = samples.split_part(item["name"])
+            halves.setdefault(stem, {})[ending] = item
+    candidates = [{**item, "datasets": [item["path"]]} for item in wide if item["kind"] == "complex"]
+    for stem, parts in halves.items():
+        pair = next((pair for pair in samples.PARTS if parts.keys() >= set(pair)), None)
+        if pair is None:
+            continue
+        real, imaginary = (parts[ending] for ending in pair)
+        if (real["rows"], real["sensors"]) != (imaginary["rows"], imaginary["sensors"]):
+            raise InputError(
+                f"'{one_line(real['path'], 100)}' and '{one_line(imaginary['path'], 100)}' differ in shape; expected "
+                "the real and the imaginary part of the same samples"
+            )
+        name = stem or f"{real['name']} + {imaginary['name']}"
+        candidates.append({**real, "name": name, "kind": "complex", "datasets": [real["path"], imaginary["path"]]})
+    if not candidates:
+        candidates = [{**item, "datasets": [item["path"]]} for item in wide if item["name"].casefold() in samples.NAMES]
+    named = [item for item in candidates if item["name"].casefold() in samples.NAMES]
+    if len(candidates) > 1 and len(named) != 1:
+        names = ", ".join(one_line(item["name"], 60) for item in candidates[:5])
+        raise InputError(f"'{one_line(path, 100)}' holds several complex arrays ({names}); call the samples 'samples'")
+    return next(iter(named or candidates), None)
 
 
 def _kind(dtype: Any, h5py: Any) -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,12 +51,15 @@ class Inspection:
     gaps: int
     largest_gap_s: float
     problems: tuple[Problem, ...]
+    array: dict[str, Any] | None = None
 
     def as_dict(self) -> dict[str, object]:
         """For JSON: plain values, NaN as None."""
         data = asdict(self)
         data["problems"] = [p.as_dict() for p in self.problems]
         data["columns"] = [asdict(c) for c in self.columns]
+        if self.array is None:
+            del data["array"]
         return {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in data.items()}
 
 
@@ -89,11 +93,14 @@ def _inspect(log: Log, problems: list[Problem], file: str, form: str, size: int,
     gaps = _Gaps()
     labels: tuple[str, ...] = ()
     untracked = False
+    width = 0
     for piece in log.pieces(None):
         rows += len(piece)
         problems = [*problems, *piece.problems]
         for name, column in piece.columns.items():
+            width = max(width, column.shape[1] if column.ndim == 2 else 0)
             absent = column == -1 if column.dtype.kind == "i" else np.isnan(column)
+            absent = absent.any(axis=1) if absent.ndim == 2 else absent
             missing[name] += int(np.count_nonzero(absent))
         if "time_s" in piece and len(piece):
             time = piece.floats("time_s")
@@ -122,7 +129,17 @@ def _inspect(log: Log, problems: list[Problem], file: str, form: str, size: int,
         gaps.count,
         gaps.largest,
         found,
+        _array_of(log, width),
     )
+
+
+def _array_of(log: Log, sensors: int) -> dict[str, Any] | None:
+    """What is known of the array of a snapshots log: the facts that differ from their defaults."""
+    if log.array is None:
+        return None
+    facts = {f.name: getattr(log.array, f.name) for f in fields(log.array)}
+    return {"sensors": sensors} | {f.name: facts[f.name] for f in fields(log.array)
+                                   if facts[f.name] != f.default and f.name != "sensors"}  # fmt: skip
 
 
 class _Gaps:

@@ -1,7 +1,11 @@
-"""NumPy `.npz` (an array a column, or one structured array) and structured `.npy`; streamed, and never pickled."""
+"""NumPy `.npz` (an array a column, or one structured array) and structured `.npy`; streamed, and never pickled.
+
+An array of two dimensions holds the samples of an array of sensors.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import tokenize
 import zipfile
 import zlib
@@ -15,6 +19,7 @@ from numpy.typing import NDArray
 
 from rangeeval.errors import InputError, one_line
 from rangeeval.model import CHUNK_ROWS, Problem
+from rangeeval.parsers import samples
 from rangeeval.parsers.blocks import Block, Contents, SourceFile, Written, log_from
 from rangeeval.parsers.columns import Field, lay_out
 
@@ -45,15 +50,21 @@ def recognises_npy(head: bytes, path: Path) -> bool:
     return head.startswith(b"\x93NUMPY")
 
 
-def _array_header(stream: IO[bytes], where: str) -> tuple[int, np.dtype[Any], int]:
-    """Rows, type and the header's own size of the array that begins here. Raises InputError for what is not a table."""
+def _shape_header(stream: IO[bytes], where: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Shape, whether stored column by column, and type of the array that begins here. Raises InputError for pickles."""
     version = npy.read_magic(stream)
     reader = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
     if version not in {(1, 0), (2, 0), (3, 0)}:
         raise InputError(f"{where}: version {version} of the NumPy format is not known")
-    shape, _, dtype = reader(stream)
+    shape, by_column, dtype = reader(stream)
     if dtype.hasobject:
         raise InputError(f"{where}: holds pickled Python objects, which are never read")
+    return tuple(map(int, shape)), bool(by_column), dtype
+
+
+def _array_header(stream: IO[bytes], where: str) -> tuple[int, np.dtype[Any], int]:
+    """Rows, type and bytes of a row of the array that begins here; -1 rows for what is no column."""
+    shape, _, dtype = _shape_header(stream, where)
     if len(shape) != 1 or dtype.itemsize > _MAX_ROW_BYTES:
         return -1, dtype, 0
     return int(shape[0]), dtype, int(dtype.itemsize)
@@ -85,12 +96,16 @@ def read_npy(file: SourceFile) -> Contents:
     """The log of a structured array file."""
     try:
         with file.path.open("rb") as stream:
-            rows, dtype, size = _array_header(stream, file.name)
+            shape, by_column, dtype = _shape_header(stream, file.name)
             begins = stream.tell()
     except InputError:
         raise
     except _DAMAGE as error:
         raise InputError(f"{file.name}: the NumPy file is damaged ({one_line(error, 120)})") from error
+    if len(shape) == 2 and (dtype.kind == "c" or (dtype.kind in "iuf" and file.of_array)):
+        return _samples_of_npy(file, shape, by_column, dtype, begins)
+    one = len(shape) == 1 and dtype.itemsize <= _MAX_ROW_BYTES
+    rows, size = (shape[0], int(dtype.itemsize)) if one else (-1, 0)
     if rows < 0 or dtype.names is None:
         return Contents(unrecognised="its array has no named columns")
     if begins + rows * size > file.path.stat().st_size:
@@ -103,6 +118,36 @@ def read_npy(file: SourceFile) -> Contents:
         return stream
 
     return _structured(file, dtype, rows, opened)
+
+
+def _samples_of_npy(
+    file: SourceFile, shape: tuple[int, ...], by_column: bool, dtype: np.dtype[Any], begins: int
+) -> Contents:
+    """Samples of an array, row after row or (a transposed array) column after column."""
+    rows, sensors = shape
+    if begins + rows * sensors * dtype.itemsize > file.path.stat().st_size:
+        raise InputError(f"{file.name}: is cut off: it declares {rows} x {sensors} numbers of {dtype.itemsize} bytes")
+
+    @contextlib.contextmanager
+    def opened() -> Iterator[samples.ReadRows]:
+        with file.path.open("rb") as stream:
+
+            def part(first: int, count: int) -> NDArray[Any]:
+                stream.seek(begins + first * dtype.itemsize)
+                data = stream.read(count * dtype.itemsize)
+                if len(data) < count * dtype.itemsize:
+                    raise InputError(f"{file.name}: was cut off while it was read")
+                return np.frombuffer(data, dtype)
+
+            def read_rows(start: int, stop: int) -> tuple[None, NDArray[Any]]:
+                if not by_column:
+                    return None, part(start * sensors, (stop - start) * sensors).reshape(-1, sensors)
+                return None, np.column_stack([part(s * rows + start, stop - start) for s in range(sensors)])
+
+            yield read_rows
+
+    recorded = samples.Recorded(file.name, rows, sensors, opened)
+    return Contents((samples.snapshots_log(recorded, file),))
 
 
 def _structured(file: SourceFile, dtype: np.dtype[Any], rows: int, opened: Any) -> Contents:
@@ -138,6 +183,7 @@ def _set_aside(file: SourceFile, kinds: dict[str, str]) -> tuple[Problem, ...]:
 def read_npz(file: SourceFile) -> Contents:
     """The log of an array archive: an array a column, or one structured array."""
     described: dict[str, tuple[int, np.dtype[Any]]] = {}
+    wide: dict[str, tuple[tuple[int, ...], np.dtype[Any]]] = {}
     try:
         with zipfile.ZipFile(file.path) as archive:
             members = archive.infolist()
@@ -148,7 +194,11 @@ def read_npz(file: SourceFile) -> Contents:
                 if name in described:
                     raise InputError(f"{file.name}: holds the array '{one_line(name, 60)}' twice")
                 with archive.open(member) as stream:
-                    rows, dtype, size = _array_header(stream, f"{file.name}:{one_line(name, 60)}")
+                    shape, by_column, dtype = _shape_header(stream, f"{file.name}:{one_line(name, 60)}")
+                if len(shape) == 2 and not by_column:
+                    wide[name] = (shape, dtype)
+                one = len(shape) == 1 and dtype.itemsize <= _MAX_ROW_BYTES
+                rows, size = (shape[0], int(dtype.itemsize)) if one else (-1, 0)
                 if rows * size > member.file_size:
                     raise InputError(
                         f"{file.name}: '{one_line(name, 60)}' declares {rows} rows and holds {member.file_size} bytes"
@@ -158,6 +208,8 @@ def read_npz(file: SourceFile) -> Contents:
         raise
     except _DAMAGE as error:
         raise InputError(f"{file.name}: the array archive is damaged or cut off ({one_line(error, 120)})") from error
+    if (found := _samples_of_npz(file, described, wide)) is not None:
+        return found
     if len(described) == 1:
         name, (rows, dtype) = next(iter(described.items()))
         if dtype.names is not None and rows >= 0:
@@ -192,6 +244,78 @@ def read_npz(file: SourceFile) -> Contents:
         lengths=tuple(described[name][0] for name in names),
     )
     return Contents((log_from(written, layout, file),), layout.problems + _set_aside(file, kinds))
+
+
+def _samples_of_npz(
+    file: SourceFile,
+    described: dict[str, tuple[int, np.dtype[Any]]],
+    wide: dict[str, tuple[tuple[int, ...], np.dtype[Any]]],
+) -> Contents | None:
+    """Samples of an array with times and facts beside them; None when no array in the archive is that."""
+    positions = any(name.startswith("sensor_position") for name in described)
+    candidates = [
+        name for name, (_, dtype) in wide.items()
+        if dtype.kind == "c" or (dtype.kind in "iuf" and name in samples.NAMES and (positions or file.of_array))
+    ]  # fmt: skip
+    if not candidates:
+        if any(name in samples.NAMES and rows < 0 for name, (rows, _) in described.items()) and positions:
+            raise InputError(
+                f"{file.name}: 'samples' is not stored row by row in two dimensions (snapshots, sensors); save it with "
+                "np.ascontiguousarray"
+            )
+        return None
+    named = [name for name in candidates if name in samples.NAMES]
+    if len(candidates) > 1 and len(named) != 1:
+        names = ", ".join(one_line(name, 60) for name in candidates[:5])
+        raise InputError(f"{file.name}: holds several complex arrays ({names}); call the samples 'samples'")
+    (name,) = named or candidates
+    (rows, sensors), dtype = wide[name]
+    time = next((n for n in described if n.casefold() in samples.TIMES), "")
+    if time and described[time][0] != rows:
+        raise InputError(f"{file.name}: columns of different lengths: {time} {described[time][0]}, {name} {rows}")
+    facts = {n: _member(file, n) for n in samples.FACTS if n in described}
+    said = samples.said_of(facts, file.name)
+
+    @contextlib.contextmanager
+    def opened() -> Iterator[samples.ReadRows]:
+        with contextlib.ExitStack() as stack:
+            body = stack.enter_context(_OneMember(file.path, f"{name}.npy"))
+            times = stack.enter_context(_OneMember(file.path, f"{time}.npy")) if time else None
+
+            def read_rows(start: int, stop: int) -> tuple[NDArray[Any] | None, NDArray[Any]]:
+                try:
+                    values = _whole(body, dtype, (stop - start) * sensors).reshape(-1, sensors)
+                    when = None if times is None else _whole(times, described[time][1], stop - start)
+                except _DAMAGE as error:
+                    raise InputError(
+                        f"{file.name}: cannot be read from row {start} on ({one_line(error, 120)})"
+                    ) from error
+                return when, values
+
+            yield read_rows
+
+    recorded = samples.Recorded(file.name, rows, sensors, opened, said, time, samples.shown(name))
+    return Contents((samples.snapshots_log(recorded, file),))
+
+
+def _whole(stream: IO[bytes], dtype: np.dtype[Any], count: int) -> NDArray[Any]:
+    data = stream.read(count * dtype.itemsize)
+    if len(data) < count * dtype.itemsize:
+        raise EOFError(f"expected {count} numbers more")
+    return np.frombuffer(data, dtype)
+
+
+def _member(file: SourceFile, name: str) -> NDArray[Any]:
+    """A small array of an archive, whole. Raises InputError when it is not a few numbers."""
+    with zipfile.ZipFile(file.path) as archive, archive.open(f"{name}.npy") as stream:
+        shape, by_column, dtype = _shape_header(stream, f"{file.name}:{one_line(name, 60)}")
+        count = int(np.prod(shape, dtype=object))
+        if dtype.kind not in "iuf" or count > 3 * samples.MAX_SENSORS:
+            raise InputError(f"{file.name}: {name} is not made of a few numbers")
+        try:
+            return _whole(stream, dtype, count).reshape(shape, order="F" if by_column else "C")
+        except _DAMAGE as error:
+            raise InputError(f"{file.name}: {name} cannot be read ({one_line(error, 120)})") from error
 
 
 class _OneMember:

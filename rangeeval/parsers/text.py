@@ -30,6 +30,7 @@ from rangeeval.parsers.blocks import (
     log_from,
     not_a_number,
 )
+from rangeeval.parsers.clock import Clock, is_clock, is_missing
 from rangeeval.parsers.columns import Field, Layout, known, lay_out, plain
 from rangeeval.parsers.streams import MAX_LINE_BYTES, encoding_of, head_of, lines, one_newline
 
@@ -47,7 +48,7 @@ class Dialect:
     """How one text log is written.
 
     `header` is the header's line number. `fields` is how many fields every row must have: the header's, or one more
-    (`trailing`) when rows end in a delimiter.
+    (`trailing`) when rows end in a delimiter. `clock` is the position of a time column written as times of day.
     """
 
     encoding: str
@@ -57,6 +58,7 @@ class Dialect:
     header: int
     names: tuple[str, ...]
     trailing: bool
+    clock: int | None = None
 
     @property
     def fields(self) -> int:
@@ -95,7 +97,7 @@ def read(file: SourceFile) -> Contents:
     sample = sample[:_SAMPLE_LINES]
     trailing = _trailing(file, names, delimiter, sample)
     decimal = _decimal(file, layout, delimiter, sample)
-    dialect = Dialect(encoding, mark, delimiter, decimal, at, names, trailing)
+    dialect = Dialect(encoding, mark, delimiter, decimal, at, names, trailing, _clock(layout, delimiter, sample))
     written = Written(
         file.name,
         names,
@@ -224,6 +226,16 @@ def _decimal(file: SourceFile, layout: Layout, delimiter: str, sample: Sequence[
     return ","
 
 
+def _clock(layout: Layout, delimiter: str, sample: Sequence[tuple[int, str]]) -> int | None:
+    """The position of the time column when most of its cells are times of day."""
+    for f in layout.fields:
+        if f.name == "time_s":
+            rows = [_split(line, delimiter) for _, line in sample]
+            cells = [row[f.position] for row in rows if f.position < len(row) and not is_missing(row[f.position])]
+            return f.position if cells and 2 * sum(map(is_clock, cells)) > len(cells) else None
+    return None
+
+
 # --- rows ------------------------------------------------------------------------------------------------------------
 
 
@@ -250,6 +262,7 @@ class _Parser:
         self.fields = fields
         self.separator = ord(" " if dialect.delimiter == BLANKS else dialect.delimiter)
         self.order = sorted(range(len(fields)), key=lambda i: fields[i].position)
+        self.clock = Clock()
 
     def parse(self, first: int, count: int, block: bytes) -> Block:
         """The rows of a block; those that cannot be used are left out and named."""
@@ -417,7 +430,8 @@ class _Parser:
         import pandas as pd
 
         wanted = [self.fields[i] for i in self.order]
-        dtype: Any = {f.position: "category" if f.text else np.float64 for f in wanted}
+        clock = self.dialect.clock
+        dtype: Any = {f.position: "category" if f.text else str if f.position == clock else np.float64 for f in wanted}
         # Below 3.1, pandas reads a third of 17-digit numbers one ulp off unless asked not to.
         exact: Any = {"float_precision": "round_trip"} if _older(pd.__version__, (3, 1)) else {}
         frame = pd.read_csv(
@@ -428,7 +442,7 @@ class _Parser:
             usecols=sorted(dtype),
             index_col=False,
             dtype=dtype,
-            na_values=list(NA_VALUES),
+            na_values={position: list(NA_VALUES) for position in dtype if position != clock},
             keep_default_na=False,
             quoting=csv.QUOTE_MINIMAL if b'"' in block else csv.QUOTE_NONE,
             decimal=self.dialect.decimal,
@@ -443,9 +457,18 @@ class _Parser:
             column = frame[f.position]
             if f.text:
                 found.append(Coded(column.cat.codes.to_numpy(), list(column.cat.categories)))
+            elif f.position == clock:
+                found.append(self._seconds(column.tolist()))
             else:
                 found.append(column.to_numpy())
         return found
+
+    def _seconds(self, cells: Sequence[object]) -> NDArray[np.float64]:
+        """Seconds of times of day; the clock moves on only when all of them are."""
+        clock = self.clock.copy()
+        seconds = clock.seconds(cells)
+        self.clock = clock
+        return seconds
 
     def _cells(self, line: bytes) -> list[bytes]:
         separator = bytes([self.separator])
@@ -460,7 +483,7 @@ class _Parser:
         point = b"," if self.dialect.decimal == "," else b"[.]"
         digits = b"(?:[0-9]+(?:%s[0-9]*)?|%s[0-9]+)" % (point, point)
         number = b"(?:[+-]?%s(?:[eE][+-]?[0-9]+)?)?" % digits
-        wanted = {f.position for f in self.fields if not f.text}
+        wanted = {f.position for f in self.fields if not f.text and f.position != self.dialect.clock}
         cells = (number if i in wanted else b'[^"%s]*' % separator for i in range(self.dialect.fields))
         return re.compile(separator.join(cells))
 
@@ -474,13 +497,19 @@ class _Parser:
         numbers = [f for f in self.fields if not f.text]
         comma = self.dialect.decimal == ","
         plainly_good = self._line_of_numbers().fullmatch
+        clock = self.dialect.clock
+        timed = any(f.position == clock for f in numbers)
         for i, line in enumerate(all_lines):
-            if plainly_good(line):
+            if not timed and plainly_good(line):
                 continue
             cells = self._cells(line)
             for f in numbers:
                 cell = cells[f.position].strip()
-                plain_cell = cell
+                if f.position == clock:
+                    text = cell.decode("utf-8", "replace")
+                    if is_clock(text) or is_missing(text):
+                        continue
+                plain_cell = cell if f.position != clock else b"x"
                 if comma:
                     plain_cell = b"x" if b"." in cell else cell.replace(b",", b".")
                 if not (_NUMBER.fullmatch(plain_cell) or _MISSING.fullmatch(cell)):
@@ -488,7 +517,8 @@ class _Parser:
                     if len(examples) < MAX_SHOWN:
                         line_number = first + i if rows is None else int(rows[i])
                         shown = cell.decode("utf-8", "replace")
-                        examples.append(not_a_number(f"{self.name}:{line_number}", f.written, shown))
+                        what = "a time of day, as the others are" if f.position == clock else "a number"
+                        examples.append(not_a_number(f"{self.name}:{line_number}", f.written, shown, what))
                     break
         bad = len(kept) - int(np.count_nonzero(kept))
         if not bad:
@@ -503,6 +533,9 @@ class _Parser:
             texts = [row[f.position].strip() for row in cells]
             if f.text:
                 found.append(np.array([t.decode("utf-8") for t in texts], dtype=object))
+                continue
+            if f.position == self.dialect.clock:
+                found.append(self._seconds([t.decode("utf-8", "replace") for t in texts]))
                 continue
             point = (t.replace(b",", b".") if self.dialect.decimal == "," else t for t in texts)
             found.append(np.array([np.nan if _MISSING.fullmatch(t) else float(t) for t in point], dtype=np.float64))

@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rangeeval.reporting.blocks import Figure, Mark, Numbers, Panel
+from rangeeval.reporting.style import HEAT_LEVELS
 
 Floats = NDArray[np.float64]
 Range = tuple[float, float]
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+MISSING_LEVEL = 255
 _LARGEST = 1e300  # beyond it, the width of an axis overflows
 
 
@@ -48,6 +50,11 @@ def views(figure: Figure) -> dict[tuple[int, int], tuple[Range, Range]]:
 
 
 def _view(panel: Panel) -> tuple[Range, Range]:
+    heats = [mark for mark in panel.marks if mark.kind == "heat" and len(mark.z)]
+    if heats and not (panel.x_log or panel.y_log):  # they fill their panel
+        edges_x, edges_y = (np.concatenate([floats(getattr(mark, name)) for mark in heats]) for name in "xy")
+        y_ends = (float(edges_y.min()), float(edges_y.max()))
+        return panel.x_limits or _padded([edges_x], False, 0.005), panel.y_limits or y_ends
     across = [floats(mark.x) for mark in panel.marks]
     up = [floats(part) for mark in panel.marks for part in (mark.y, mark.low, mark.high)]
     based = any(mark.kind in ("bars", "stems") for mark in panel.marks) and not panel.y_log
@@ -56,6 +63,15 @@ def _view(panel: Panel) -> tuple[Range, Range]:
     if based and all(np.nanmin(part, initial=0.0) >= 0 for part in up):
         y = (0.0, y[1])
     return panel.x_limits or x, panel.y_limits or y
+
+
+def heat_levels(mark: Mark) -> NDArray[np.uint8]:
+    """The values of a heat mark as levels of its colours, a row a y from the lowest on; 255 where missing."""
+    values = np.array([floats(row) for row in mark.z]).reshape(len(mark.z), -1)
+    there = np.isfinite(values)
+    low, high = (float(values[there].min()), float(values[there].max())) if there.any() else (0.0, 0.0)
+    scale = (HEAT_LEVELS - 1) / (high - low) if high > low else 0.0
+    return np.where(there, np.rint((np.where(there, values, low) - low) * scale), MISSING_LEVEL).astype(np.uint8)
 
 
 def _padded(arrays: Iterable[Floats], log: bool, share: float) -> Range:

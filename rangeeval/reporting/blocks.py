@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 Numbers = Sequence[float] | NDArray[np.floating] | NDArray[np.integer]
 
 NoticeLevel = Literal["info", "good", "caution", "bad"]
-Verdict = Literal["", "pass", "fail", "inconclusive", "info"]
-MarkKind = Literal["points", "line", "step", "bars", "stems", "band", "errorbars", "rule", "text"]
+Verdict = Literal["", "pass", "fail", "inconclusive", "info", "better", "worse", "equivalent"]
+MarkKind = Literal["points", "line", "step", "bars", "stems", "band", "errorbars", "rule", "text", "heat"]
 FigureSize = Literal["compact", "normal", "tall"]
 
 
@@ -94,6 +94,8 @@ class Mark:
     errorbars   `x`, `y`, `low`, `high`: the ends of the bars, not their lengths
     rule        `x` for vertical lines or `y` for horizontal ones, across the panel
     text        `x`, `y`, `texts`, centred there
+    heat        `x` the n + 1 edges and `y` the m + 1, both evenly spaced, `z` m rows of n values from
+                the lowest y on: light where low, dark where high; on linear axes
     ==========  ==================================================================================
 
     `role` is what the series means (`measured`, `predicted`, `reference`, `limit`, `group1`, `group2`, ...);
@@ -109,8 +111,14 @@ class Mark:
     label: str = ""
     role: str = "measured"
     texts: Sequence[str] = ()
+    z: Sequence[Numbers] = ()
 
     def __post_init__(self) -> None:
+        if self.kind == "heat":
+            shape = [(len(self.y) - 1, len(self.x) - 1)] if len(self.z) else [(0, 0)]
+            rows = {len(row) for row in self.z} or {0}
+            if [(len(self.z), min(rows))] != shape or len(rows) > 1:
+                raise ValueError(f"mark '{self.label}': {len(self.z)} rows of {rows} values, not {shape[0]}")
         used = [len(getattr(self, name)) for name in _USED.get(self.kind, ())]
         if self.kind == "bars":
             used[0] -= bool(used[0])

@@ -47,6 +47,7 @@ def write_html(drawn: Drawn) -> str:
         scripts=[Markup(script) for script in scripts],
         hashes=[_script_hash(script) for script in scripts],
         look=style.look,
+        heat=style.HEAT,
         level_word=LEVEL_WORD,
         verdict_word=VERDICT_WORD,
     )

@@ -23,9 +23,14 @@ from typing import Any
 
 LAYOUTS: dict[str, str] = {
     "check": "rangeeval.reporting.sections.check",
+    "compare": "rangeeval.reporting.sections.compare",
     "accuracy": "rangeeval.reporting.sections.accuracy",
     "rcs": "rangeeval.reporting.sections.rcs",
     "attitude": "rangeeval.reporting.sections.attitude",
+    "trend": "rangeeval.reporting.sections.trend",
+    "bearing": "rangeeval.reporting.sections.bearing",
+    "replay": "rangeeval.reporting.sections.replay",
+    "truth": "rangeeval.reporting.sections.truth",
 }
 
 

@@ -10,7 +10,10 @@ from rangeeval.reporting.fonts import Glyphs
 from rangeeval.reporting.svg import render_svg
 
 LEVEL_WORD = {"info": "Note", "good": "Good", "caution": "Caution", "bad": "Problem"}
-VERDICT_WORD = {"pass": "✓ pass", "fail": "✗ fail", "inconclusive": "? inconclusive", "info": "i note"}
+VERDICT_WORD = {
+    "pass": "✓ pass", "fail": "✗ fail", "inconclusive": "? inconclusive", "info": "i note",
+    "better": "✓ better", "worse": "✗ worse", "equivalent": "= equivalent",
+}  # fmt: skip
 
 
 def template_folder() -> Path:

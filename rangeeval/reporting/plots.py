@@ -5,8 +5,8 @@ hundred panels. A test reads what is written here back through bokeh's own class
 that means something else is noticed.
 
 Series longer than `EXACT` travel as 16-bit steps of the range they span, finer than a pixel, which the boot
-script turns back into doubles. That is half the size of single precision and, unlike it, does not blur times
-that are counted from 1970.
+script turns back into doubles (as it does with the levels of a heat map). That is half the size of single precision
+and, unlike it, does not blur times that are counted from 1970.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from rangeeval.reporting import style
-from rangeeval.reporting.axes import Floats, Range, floats, panels, views
+from rangeeval.reporting.axes import Floats, Range, floats, heat_levels, panels, views
 from rangeeval.reporting.blocks import Figure, Mark, Panel
 from rangeeval.reporting.text import neutral
 from rangeeval.stats.reduce import decimate, thin
@@ -276,6 +276,8 @@ def _renderers(models: _Models, mark: Mark, panel: Panel) -> list[Json]:
             _segments(models, columns, "floor", "y", seen),
             _renderer(models, "Scatter", {"x": x, "y": y}, _scatter(seen, 6, 1.0)),
         ]
+    if mark.kind == "heat":
+        return [_heat(models, mark)] if len(mark.z) else []
     if mark.kind == "errorbars":
         columns = {"x": x, "y": y, "low": low, "high": high}
         return [
@@ -283,6 +285,22 @@ def _renderers(models: _Models, mark: Mark, panel: Panel) -> list[Json]:
             _renderer(models, "Scatter", columns, _scatter(seen, 7, 1.0)),
         ]
     return []
+
+
+def _heat(models: _Models, mark: Mark) -> Json:
+    """An image of one byte a cell, coloured by its levels."""
+    levels, x, y = heat_levels(mark), floats(mark.x), floats(mark.y)
+    picture = {"levels": base64.b64encode(levels.tobytes()).decode(), "shape": list(levels.shape)}
+    mapper = models.new(
+        "LinearColorMapper",
+        palette=style.heat_colours(),
+        low=0,
+        high=style.HEAT_LEVELS,
+        high_color="rgba(255, 255, 255, 0)",
+    )
+    glyph = {"image": {"type": "field", "field": "image"}, "color_mapper": mapper}
+    glyph |= _values(x=float(x[0]), y=float(y[0]), dw=float(x[-1] - x[0]), dh=float(y[-1] - y[0]))
+    return _glyph_renderer(models, [["image", [picture]]], models.new("Image", **glyph))
 
 
 def _floor(panel: Panel) -> float:
@@ -312,14 +330,17 @@ def _segments(models: _Models, columns: dict[str, Floats], start: str, end: str,
 
 def _renderer(models: _Models, name: str, columns: dict[str, Any], glyph: Json) -> Json:
     entries = [[key, values if isinstance(values, list) else column(values)] for key, values in columns.items()]
-    data = {"type": "map", "entries": entries}
     fields = {"x": {"type": "field", "field": "x"}, "y": {"type": "field", "field": "y"}}
     drawn = models.new(name, **(fields if name in ("Scatter", "Line", "Step", "Text") else {}), **glyph)
+    return _glyph_renderer(models, entries, drawn)
+
+
+def _glyph_renderer(models: _Models, entries: list[list[Any]], drawn: Json) -> Json:
     return models.new(
         "GlyphRenderer",
         data_source=models.new(
             "ColumnDataSource",
-            data=data,
+            data={"type": "map", "entries": entries},
             selected=models.new("Selection"),
             selection_policy=models.new("UnionRenderers"),
         ),

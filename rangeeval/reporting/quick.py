@@ -30,7 +30,7 @@ def plot_result(result: Result, quantity: str | None = None) -> Figure:
         raise InputError(
             f"nothing to plot of '{wanted}'; {did_you_mean(wanted, known)}" if known else "nothing to plot"
         )
-    unit, across = shown(rows[0].unit), shown_variable(rows[0].variable or "")
+    unit, across = shown(rows[0].unit, wanted), shown_variable(rows[0].variable or "")
     centre = [0.5 * (r.bin_low + r.bin_high) * across.scale for r in rows]
     value = [unit.value(r.value) for r in rows]
     below = [max(v - unit.value(r.low), 0.0) if math.isfinite(r.low) else 0.0 for v, r in zip(value, rows, strict=True)]

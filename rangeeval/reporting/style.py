@@ -19,6 +19,22 @@ GRID = "#e3e8ed"
 FRAME = "#9aa7b3"
 
 
+HEAT = ("#FFFFFF", "#E3E8ED", "#C3CCD4", "#9DA9B5", "#76838F")  # from low to high: greys, under coloured lines
+HEAT_LEVELS = 64
+
+
+def heat_colours() -> list[str]:
+    """`HEAT_LEVELS` colours from the lowest value to the highest, evenly between those of `HEAT`."""
+    stops = [[int(colour[i : i + 2], 16) for i in (1, 3, 5)] for colour in HEAT]
+    found = []
+    for level in range(HEAT_LEVELS):
+        at = level * (len(stops) - 1) / (HEAT_LEVELS - 1)
+        i = min(int(at), len(stops) - 2)
+        parts = (round(a + (at - i) * (b - a)) for a, b in zip(stops[i], stops[i + 1], strict=True))
+        found.append("#" + "".join(f"{part:02X}" for part in parts))
+    return found
+
+
 @dataclass(frozen=True)
 class Look:
     """How one role is drawn: a colour, a dash pattern in points (empty: solid) and a marker shape."""

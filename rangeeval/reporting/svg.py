@@ -17,7 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rangeeval.reporting import style
-from rangeeval.reporting.axes import Floats, Range, floats, legend, panels, ticks, views
+from rangeeval.reporting.axes import (
+    MISSING_LEVEL,
+    Floats,
+    Range,
+    floats,
+    heat_levels,
+    legend,
+    panels,
+    ticks,
+    views,
+)
 from rangeeval.reporting.blocks import Figure, Mark, Panel
 from rangeeval.reporting.fonts import Glyphs
 from rangeeval.reporting.text import printable
@@ -139,6 +149,12 @@ def _draw_legend(canvas: _Canvas, marks: list[Mark], room: float) -> float:
 def _draw_sample(canvas: _Canvas, mark: Mark, x: float, y: float, width: float) -> None:
     seen = style.look(mark.role)
     middle = x + width / 2
+    if mark.kind == "heat":
+        for i, colour in enumerate(style.HEAT):
+            step = width / len(style.HEAT)
+            canvas.path(f"M{x + i * step:.1f} {y - 3:.1f}h{step:.1f}v6h-{step:.1f}z", f'fill="{colour}"')
+        canvas.path(f"M{x:.1f} {y - 3:.1f}h{width}v6h-{width}z", f'stroke="{style.FRAME}" stroke-width="0.4"')
+        return
     if mark.kind in ("bars", "band"):
         canvas.path(f"M{x:.1f} {y - 3:.1f}h{width}v6h-{width}z", _fill(seen, mark.kind))
         return
@@ -187,7 +203,10 @@ def _draw_panel(
     for y, label in zip(grid_y, y_ticks[1], strict=False):
         canvas.text(plot_left - 3, y + _SMALL * 0.36, label, _SMALL, "end", colour=style.MUTED)
     for x, label in zip(grid_x, x_ticks[1], strict=False):
-        canvas.text(x, plot_bottom + 8.2, label, _SMALL, "middle", colour=style.MUTED)
+        inside = min(
+            x, right + 2.0 - canvas.width(label, _SMALL) / 2
+        )  # a label at the frame's end stays on the picture
+        canvas.text(inside, plot_bottom + 8.2, label, _SMALL, "middle", colour=style.MUTED)
     middle = (plot_left + plot_right) / 2
     if panel.title:
         room = right - plot_left - 2
@@ -297,6 +316,8 @@ def _draw_mark(canvas: _Canvas, axes: _Axes, mark: Mark) -> None:
             if x == x and y == y:
                 shown = canvas.fitted(text, _SMALL, axes.right - axes.left)
                 canvas.text(x, y + _SMALL * 0.36, shown, _SMALL, "middle", colour=style.MUTED)
+    elif mark.kind == "heat":
+        _draw_heat(canvas, axes, mark)
     else:
         _draw_points(canvas, axes, mark, seen)
 
@@ -319,6 +340,17 @@ def _draw_errorbars(canvas: _Canvas, axes: _Axes, mark: Mark, seen: style.Look) 
     )
     canvas.path(bars, f'stroke="{seen.colour}" stroke-width="0.8"')
     canvas.path(_markers(seen, list(zip(*_pair(axes, mark), strict=True)), 1.9), f'fill="{seen.colour}"')
+
+
+def _draw_heat(canvas: _Canvas, axes: _Axes, mark: Mark) -> None:
+    x, y = axes.x(floats(mark.x)), axes.y(floats(mark.y))
+    if not len(mark.z) or not (np.isfinite(x).all() and np.isfinite(y).all()):
+        return
+    picture = base64.b64encode(_heat_png(heat_levels(mark)[::-1])).decode()
+    canvas.parts.append(
+        f'<image x="{x[0]:.2f}" y="{y[-1]:.2f}" width="{x[-1] - x[0]:.2f}" height="{y[0] - y[-1]:.2f}" '
+        f'preserveAspectRatio="none" href="data:image/png;base64,{picture}"/>'
+    )
 
 
 def _draw_points(canvas: _Canvas, axes: _Axes, mark: Mark, seen: style.Look) -> None:
@@ -401,8 +433,22 @@ def _png(levels: NDArray[np.uint8], colour: str, alpha: bytes) -> bytes:
     packed = padded[:, 0::4] << 6 | padded[:, 1::4] << 4 | padded[:, 2::4] << 2 | padded[:, 3::4]
     lines = np.zeros((height, packed.shape[1] + 1), dtype=np.uint8)  # the leading 0 of a line: no filter
     lines[:, 1:] = packed
-    palette = bytes.fromhex(colour.removeprefix("#")) * len(alpha)
-    header = struct.pack(">IIBBBBB", width, height, 2, 3, 0, 0, 0)
+    return _palette_png(lines, width, 2, bytes.fromhex(colour.removeprefix("#")) * len(alpha), alpha)
+
+
+def _heat_png(levels: NDArray[np.uint8]) -> bytes:
+    """A PNG of the colours of a heat mark, a byte a pixel; a missing value is transparent."""
+    height, width = levels.shape
+    lines = np.zeros((height, width + 1), dtype=np.uint8)
+    lines[:, 1:] = np.where(levels == MISSING_LEVEL, style.HEAT_LEVELS, levels)
+    colours = [*style.heat_colours(), "#FFFFFF"]
+    palette = b"".join(bytes.fromhex(colour.removeprefix("#")) for colour in colours)
+    return _palette_png(lines, width, 8, palette, bytes((255,)) * style.HEAT_LEVELS + bytes((0,)))
+
+
+def _palette_png(lines: NDArray[np.uint8], width: int, bits: int, palette: bytes, alpha: bytes) -> bytes:
+    """A palette PNG of packed lines, each led by the number of its filter."""
+    header = struct.pack(">IIBBBBB", width, len(lines), bits, 3, 0, 0, 0)
     chunks = (
         (b"IHDR", header),
         (b"PLTE", palette),

@@ -74,7 +74,7 @@ def headline_table(
     quantities = headline_quantities(result)
     chosen = without_lone_groups(lines(rows if rows is not None else result.rows, quantities))
     named = any(line.first.group or line.first.track_id for line in chosen)
-    units = {r.quantity: unit_name(r.unit) for r in result.rows}
+    units = {r.quantity: unit_name(r.unit, r.quantity) for r in result.rows}
     head = ["Bin", *(["Group"] if named else []), "n"]
     head += [f"{quantity_name(q)}{f' ({units[q]})' if units[q] else ''}" for q in quantities] + ["Flags"] * flags
     body: list[list[str | Cell]] = []

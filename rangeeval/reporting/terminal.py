@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
-from typing import IO, TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import IO, Any
 
 from rangeeval.errors import one_line
+from rangeeval.model import Estimate, Result
 from rangeeval.reporting.blocks import Cell, Table
 from rangeeval.reporting.layouts import heading, own
-from rangeeval.reporting.tables import short_tables
+from rangeeval.reporting.tables import headline_table, short_tables
 from rangeeval.reporting.wording import NBSP
-
-if TYPE_CHECKING:
-    from rangeeval.model import Result
 
 _WIDE = 200  # columns when the output is no terminal
 
@@ -45,10 +43,10 @@ def text_of(table: Table, stream: IO[str] | None = None) -> str:
     sides = {"l": "left", "r": "right", "c": "center"}
     for head, align in zip(table.head, table.alignment, strict=True):
         rich.add_column(Text(one_line(head)), justify=sides[align])  # type: ignore[arg-type]
-    colour = {"pass": "green", "fail": "red", "inconclusive": "yellow"}
+    colour = {"pass": "green", "better": "green", "fail": "red", "worse": "red", "inconclusive": "yellow"}
     for row in table.rows:
         cells = [c if isinstance(c, Cell) else Cell(c) for c in row]
-        rich.add_row(*(Text(_plain(c.text or c.verdict), style=colour.get(c.verdict, "")) for c in cells))
+        rich.add_row(*(Text(_plain(f"{c.verdict} {c.text}".strip()), style=colour.get(c.verdict, "")) for c in cells))
     console.print(rich)
     text: str = console.file.getvalue()  # type: ignore[attr-defined]
     return "\n".join(line.rstrip() for line in text.splitlines()) + "\n"
@@ -58,9 +56,47 @@ def _plain(text: str) -> str:
     return one_line(text.replace(NBSP, " "))
 
 
+def outcomes_text(directory: str, outcomes: Sequence[Any], stream: IO[str] | None = None) -> str:
+    """What came of many trials: how many were done, kept and failed, and why each failed."""
+    counts = {status: sum(o.status == status for o in outcomes) for status in ("done", "kept", "failed")}
+    rows = [[status, str(count)] for status, count in counts.items() if count]
+    text = f"Results in {one_line(directory)}\n" + text_of(Table("", ["", "Trials"], rows, "lr"), stream)
+    failed = [[o.path, o.why] for o in outcomes if o.status == "failed"]
+    return text + (text_of(Table("", ["Failed", "Why"], failed, "ll"), stream) if failed else "")
+
+
+def catalog_text(rows: Sequence[Mapping[str, Any]], stream: IO[str] | None = None) -> str:
+    """The trials of a catalogue."""
+    columns = ("date", "radar", "software", "name", "analyses", "estimates", "sha256", "path")
+    cells = [[str(row[name])[: 12 if name == "sha256" else None] for name in columns] for row in rows]
+    head = ["Date", "Radar", "Software", "Trial", "Analyses", "Estimates", "SHA-256", "File"]
+    return text_of(Table(f"{len(rows)} trials", head, cells, "lllllrll"), stream)
+
+
+def estimates_text(title: str, rows: Iterable[tuple[str, Estimate]], stream: IO[str] | None = None) -> str:
+    """The estimates of a trial, given with their analysis: the short table of each."""
+    by_analysis: dict[str, list[Estimate]] = {}
+    for analysis, row in rows:
+        by_analysis.setdefault(analysis, []).append(row)
+    tables = [
+        headline_table(Result(analysis, tuple(found)), caption=f"{title}: {heading(analysis)}")
+        for analysis, found in by_analysis.items()
+    ]
+    return "".join(text_of(table, stream) for table in tables)
+
+
 def inspection_text(found: Sequence[Mapping[str, Any]], stream: IO[str] | None = None) -> str:
     """What `inspect` found (its plain form), a block a file: kind, format, rows, span, gaps, columns, rejects."""
     return "\n".join(_inspected(item, stream) for item in found)
+
+
+def _fact(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.9g}"
+    if isinstance(value, (list, tuple)):
+        shown = [f"({', '.join(map(_fact, v))})" if isinstance(v, (list, tuple)) else _fact(v) for v in value]
+        return ", ".join(shown[:8]) + (f", ... ({len(shown)})" if len(shown) > 8 else "")
+    return str(value)
 
 
 def _inspected(item: Mapping[str, Any], stream: IO[str] | None) -> str:
@@ -78,6 +114,7 @@ def _inspected(item: Mapping[str, Any], stream: IO[str] | None) -> str:
         ["time", span],
         ["gaps", gaps],
     ]
+    facts += [[name.replace("_", " "), _fact(value)] for name, value in (item.get("array") or {}).items()]
     columns = []
     for c in item["columns"]:
         missing = f"{c['missing']:,} missing" if c["missing"] else ""

@@ -50,6 +50,26 @@ FLAGS = {
     "its limit.",
     "propagated": "propagated from the attitude's noise, not seen in the samples of the bin.",
     "from-tolerance": "follows from a tolerance in trial.toml (or its default), not from the data.",
+    "optimistic": "the mean NIS (NEES) is above what chance allows: the filter believes itself better than it is.",
+    "pessimistic": "the mean NIS (NEES) is below what chance allows: the filter allows for more noise than there is.",
+    "gated": "over one plot in twenty fell outside the gate and was not used: the numbers are those of the rest. The "
+    "measurement noise or the motion model is far off.",
+    "inconsistent": "updates beyond any chance: the filter's assumptions do not fit there.",
+    "restarted": "a track was started anew, after a long gap or too many plots outside the gate in a row.",
+    "overhead": "so near to the zenith that azimuth says little.",
+    "repeated-times": "plots with the time of the one before.",
+    "broken": "the filter's numbers broke down in places; the track started anew there.",
+    "planar": "no elevation: range and azimuth only, in the slant plane; height is not estimated.",
+    "partial": "some plots have no elevation; the others carry the height.",
+    "assumed-noise": "the measurement noise is an assumption: it was not given, and the plots are too few to show it.",
+    "from-scatter": "estimated from the plots' own scatter about parabolas through their neighbours.",
+    "tuned": "found by maximising the likelihood of the plots.",
+    "at-floor": "the tuned value stands at the floor set for it: the plots ask for still less.",
+    "given": "given in trial.toml.",
+    "never-held": "no track was ever on this target.",
+    "better": "the first filter is better; the interval of the difference does not hold 0.",
+    "worse": "the first filter is worse; the interval of the difference does not hold 0.",
+    "not-told-apart": "the log does not tell the two filters apart.",
     "extrapolated": "outside the data the model was fitted to.",
     "few-detections": "Fewer than 3 detections: not enough for a number that means much; read the interval.",
     "upper-limit": "Nothing was detected: no estimate, only the one-sided upper limit of the RCS.",
@@ -61,6 +81,25 @@ FLAGS = {
     ),
     "slow-fading": "Consecutive amplitudes are alike: the target fades more slowly than looks follow each other. The "
     "interval takes them as independent and is too narrow.",
+    "nominal-sigma": "σ follows from the filter's settings alone, not from the data.",
+    "bound-sigma": "σ is the Cramér-Rao bound of a block at the power found, not a measured error.",
+    "unmodelled-source": "the guard says that a source is heard that is not tracked; more targets may be there.",
+    "unresolved": "for a while nearer than a beam width to another target: which is which may be wrong after it.",
+    "coasted": "for a while carried by its prediction next to another target.",
+    "faded": "for a while not heard above the noise; carried by its prediction, or left out.",
+    "missing": "some snapshots had missing samples; the bearing was carried by its prediction there.",
+    "outside-sector": "the bearing left the sector the array can see.",
+    "mirrored": "the samples fit the array better with the other sign of phase: these bearings are mirrored.",
+    "aliased": "the sensors stand so far apart that two bearings look the same.",
+    "dead-sensor": "a sensor was silent or constant and is left out.",
+    "weak-sensor": "a sensor is more than 20 dB weaker than the others.",
+    "clipped": "samples of a sensor stand at one extreme value; bearings may be biased.",
+    "moving": "sources move within the blocks in which they were counted; their number is uncertain.",
+    "fewer-found": "the first snapshots showed fewer targets than were asked for.",
+    "none-found": "no source stood out of the noise.",
+    "swapped": "the track ended on another target's truth.",
+    "lost": "the track ended farther than 2° from every truth of its own.",
+    "extra": "there is no truth for this track.",
     "rcs-varies": "One mean RCS does not fit all bins: RCS changes with aspect, or the loss model is wrong.",
 }
 
@@ -74,6 +113,14 @@ QUANTITIES = {
     "detection_probability_model": "Model Pd",
     "rcs": "RCS",
     "snr": "SNR",
+    "bearing_rms": "Bearing RMS",
+    "bearing_bias": "Bearing bias",
+    "nis_mean": "Mean NIS",
+    "nis_ratio": "NIS ratio",
+    "nees_mean": "Mean NEES",
+    "range_rms": "Range RMS",
+    "azimuth_rms": "Azimuth RMS",
+    "elevation_rms": "Elevation RMS",
 }
 
 
@@ -108,7 +155,7 @@ def _converted(estimate: Estimate, unit: Shown) -> tuple[float, float, float]:
 
 def value_text(estimate: Estimate) -> str:
     """The estimate alone, with the digits its interval supports (no unit)."""
-    value, low, high = _converted(estimate, shown(estimate.unit))
+    value, low, high = _converted(estimate, shown(estimate.unit, estimate.quantity))
     if not math.isfinite(value):
         return MISSING
     decimals = decimals_for(low, high)
@@ -117,14 +164,14 @@ def value_text(estimate: Estimate) -> str:
 
 def interval_text(estimate: Estimate) -> str:
     """The interval alone, such as 3.51 to 4.21; a dash where there is none."""
-    _, low, high = _converted(estimate, shown(estimate.unit))
+    _, low, high = _converted(estimate, shown(estimate.unit, estimate.quantity))
     decimals = decimals_for(low, high)
     return MISSING if decimals is None else span_text(f"{low:.{decimals}f}", f"{high:.{decimals}f}")
 
 
 def estimate_text(estimate: Estimate) -> str:
     """The estimate with its interval, such as 3.82 [3.51, 4.21] (no unit)."""
-    _, low, high = _converted(estimate, shown(estimate.unit))
+    _, low, high = _converted(estimate, shown(estimate.unit, estimate.quantity))
     decimals = decimals_for(low, high)
     text = value_text(estimate)
     if text == MISSING and "upper-limit" in estimate.flags and math.isfinite(high):
@@ -136,9 +183,9 @@ def estimate_text(estimate: Estimate) -> str:
     return f"{text}{NBSP}[{low:.{decimals}f},{NBSP}{high:.{decimals}f}]"
 
 
-def unit_name(unit: str) -> str:
+def unit_name(unit: str, quantity: str = "") -> str:
     """The unit in which a stored unit is shown."""
-    return shown(unit).unit
+    return shown(unit, quantity).unit
 
 
 def in_shown_unit(value: float, unit: str) -> str:

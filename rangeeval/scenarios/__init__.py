@@ -13,6 +13,8 @@ from typing import Any
 SCENARIOS: dict[str, str] = {
     "alpha-beta": "rangeeval.scenarios.alpha_beta:simulate_alpha_beta",
     "attitude": "rangeeval.scenarios.attitude:simulate_attitude",
+    "bearing": "rangeeval.scenarios.bearing:simulate_bearing",
+    "imm": "rangeeval.scenarios.imm:simulate_imm",
     "swerling": "rangeeval.scenarios.swerling:simulate_swerling",
 }
 

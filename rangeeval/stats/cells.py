@@ -7,7 +7,8 @@ plain sums of squares; weighted sums are taken about each cell's first sample fo
 
 The pass keeps, for every cell: four moments; the sums that the per-sample gain ratio needs (noise-only `cv` and
 optimal-gain `white`, for the axis itself and for its angle); gains; predictions; lag products up to `LAGS`; a
-histogram of logarithmic buckets for medians; and up to `KEPT` samples, evenly thinned, for plots and exact medians.
+histogram of logarithmic buckets for medians; and up to `KEPT` samples, evenly thinned, for plots, exact medians and the
+spread of the weights.
 """
 
 from __future__ import annotations
@@ -20,11 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rangeeval.compiled import compiled
+from rangeeval.stats.correlation import LagSums
 
 Array = NDArray[np.float64]
 
 LAGS = 40  # 10 log10 N up to N = 10,000; beyond that more lags change n_eff by less than its own error
 KEPT = 4096
+(VALUE, TIME, RANGE, SNR, WEIGHT, ANGLE_WEIGHT, TRACK) = range(7)  # rows of the samples kept
+_FIELDS = 7
 STEP = 0.2  # a gain change of more than this is a jump
 _GAP = 4.5  # an interval of more than this many usual ones is a coast of more than a few updates
 _OCTAVES = 48
@@ -274,12 +278,13 @@ def _add(  # type: ignore[no-untyped-def]
         o[W2] += white * d * d
         r = rng[j]
         o[SUM_R] += r
+        on_angle = 0.0
         if angle:
             y = cross[j]
             square = (r - y) * (r + y)
             o[SUM_C] += y
             if square > 0.0:
-                u = q / square
+                on_angle = u = q / square
                 o[U0] += u
                 o[U1] += u * d
                 o[U2] += u * d * d
@@ -330,15 +335,18 @@ def _add(  # type: ignore[no-untyped-def]
             place = number // every
             if place == KEPT:
                 for i in range(KEPT // 2):
-                    for f in range(4):
+                    for f in range(_FIELDS):
                         kept[c, f, i] = kept[c, f, 2 * i]
                 stride[c] = 2 * every
                 place = KEPT // 2
             if number % stride[c] == 0:
-                kept[c, 0, place] = v
-                kept[c, 1, place] = time[j]
-                kept[c, 2, place] = r
-                kept[c, 3, place] = snr[j] if with_snr else 0.0
+                kept[c, VALUE, place] = v
+                kept[c, TIME, place] = time[j]
+                kept[c, RANGE, place] = r
+                kept[c, SNR, place] = snr[j] if with_snr else 0.0
+                kept[c, WEIGHT, place] = q
+                kept[c, ANGLE_WEIGHT, place] = on_angle
+                kept[c, TRACK, place] = t
 
 
 def _grown(array: NDArray[np.generic], rows: int) -> NDArray[np.generic]:
@@ -407,7 +415,7 @@ class AxisSums:
         self._sums = np.zeros((0, _COLUMNS))
         self._products = np.zeros((0, 4, LAGS))
         self._sketch = np.zeros((0, _BUCKETS), np.int64)
-        self._kept = np.zeros((0, 4, KEPT))
+        self._kept = np.zeros((0, _FIELDS, KEPT))
         self._stride = np.ones(0, np.int64)
         self._state = np.zeros((0, _STATE))
         self._ring = np.zeros((0, 2 * LAGS))
@@ -434,7 +442,7 @@ class AxisSums:
             used = len(self._sums)
             self._sums, self._products = _grown(self._sums, room), _grown(self._products, room)  # type: ignore[assignment]
             self._sketch = _grown(self._sketch, room)  # type: ignore[assignment]
-            kept = np.zeros((room, 4, KEPT))
+            kept = np.zeros((room, _FIELDS, KEPT))
             for c in range(used):
                 n = min(int(self._sums[c, N]), KEPT)
                 kept[c, :, :n] = self._kept[c, :, :n]
@@ -483,7 +491,9 @@ class Cell:
     @classmethod
     def empty(cls, *, angle: bool) -> Cell:
         """A cell without samples."""
-        return cls(np.zeros(_COLUMNS), np.zeros((4, LAGS)), np.zeros(_BUCKETS, np.int64), np.zeros((4, 0)), 1, angle)
+        return cls(
+            np.zeros(_COLUMNS), np.zeros((4, LAGS)), np.zeros(_BUCKETS, np.int64), np.zeros((_FIELDS, 0)), 1, angle
+        )
 
     @property
     def n(self) -> int:
@@ -517,12 +527,38 @@ class Cell:
         lagged = p - d * (lead + trail) + d * d * count
         return np.concatenate([[self.sums[M2]], lagged]), np.concatenate([[self.sums[N]], count])
 
+    def lag_sums(self) -> LagSums:
+        """The same as sums of the samples less their mean, for what `correlation` estimates."""
+        products, pairs = self.covariances()
+        none = np.zeros(LAGS + 1)
+        return LagSums(0.0, int(self.sums[LONGEST]), pairs, products, none, none)
+
+    def squares(self, weight: int, mean: float) -> Array:
+        """The weighted squares of the samples kept about a mean."""
+        parts: Array = self.kept[weight] * (self.kept[VALUE] - mean) ** 2
+        return parts
+
+    def weight_spread(self, weight: int) -> float:
+        """Mean square of the weights of the samples kept over the square of their mean: 1 when all are equal."""
+        w = self.kept[weight]
+        total = float(w.sum())
+        return w.size * float(w @ w) / total**2 if total > 0.0 else math.nan
+
+    def weighted_kurtosis(self, weight: int, mean: float) -> float:
+        """Kurtosis of the samples kept, each scaled with the root of its weight (row WEIGHT or ANGLE_WEIGHT of `kept`).
+
+        3 for normal samples that all tell as much of the weighted sum of squares; more where a few carry it.
+        """
+        parts = self.squares(weight, mean)
+        total = float(parts.sum())
+        return parts.size * float(parts @ parts) / total**2 if total > 0.0 else math.nan
+
     def median(self) -> float:
         """The median of the samples: exact up to `KEPT` of them, beyond that within about 0.1 % of the spread."""
         if self.n == 0:
             return math.nan
         if self.exact:
-            return float(np.median(self.kept[0]))
+            return float(np.median(self.kept[VALUE]))
         return _bucket_median(self.sketch, _EDGES[:-1], _EDGES[1:])
 
     def median_absolute_deviation(self) -> float:
@@ -530,7 +566,7 @@ class Cell:
         if self.n == 0:
             return math.nan
         if self.exact:
-            return float(np.median(np.abs(self.kept[0] - np.median(self.kept[0]))))
+            return float(np.median(np.abs(self.kept[VALUE] - np.median(self.kept[VALUE]))))
         centre = self.median()
         far, near = np.abs(_EDGES[:-1] - centre), np.abs(_EDGES[1:] - centre)
         low, high = np.minimum(far, near), np.maximum(far, near)

@@ -14,6 +14,8 @@ from scipy import special
 
 FloatArray = NDArray[np.float64]
 
+LONG_MEMORY = 40  # lags beyond which a longer memory is extrapolated
+
 
 @dataclass(frozen=True)
 class LagSums:
@@ -72,6 +74,22 @@ class LagSums:
             covariance: FloatArray = total / self.pairs[0]
         return covariance
 
+    def standardised(self) -> LagSums:
+        """The same sums of the values less their mean and over their standard deviation, so that bins can be pooled."""
+        c = self.autocovariance()
+        scaled = c * self.pairs[0] / c[0] if c[0] > 0 else np.zeros_like(c)
+        return LagSums(0.0, self.longest, self.pairs, scaled, np.zeros_like(c), np.zeros_like(c))
+
+    def correlation_of_pairs(self) -> FloatArray:
+        """Give the correlation of the pairs at each lag, divisor their own number: unbiased where stretches are short.
+
+        NaN where no pairs are so far apart.
+        """
+        c = self.autocovariance()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rho: FloatArray = np.where(self.pairs > 0, c / c[0] * self.pairs[0] / self.pairs, np.nan)
+        return rho
+
     def autocorrelation(self, *, remove_mean: bool = True) -> FloatArray:
         """Give the autocorrelation at lags 0 to K, divisor N at every lag (so a valid correlation); NaN if
         constant.
@@ -123,14 +141,13 @@ def autocorrelation(values: ArrayLike, lags: int | None = None) -> FloatArray:
 
 
 def default_lags(n: int, longest: int | None = None) -> int:
-    """Give the number of lags to estimate from n samples: floor(min(10 log10 n, longest / 4)).
+    """Give the number of lags to estimate from n samples: floor(min(10 log10 n, n / 4, longest - 1)).
 
-    `longest` is the longest stretch when the samples lie in several. Neither thresholding nor a bias
-    correction of the estimated correlations is used with it: both were seen to under-cover.
+    `longest` is the longest stretch when the samples lie in several: many short ones tell every lag inside them.
     """
     if n < 1:
         return 0
-    return max(0, int(min(10 * np.log10(n), (n if longest is None else longest) / 4)))
+    return max(0, int(min(10 * np.log10(n), n / 4, (n if longest is None else longest) - 1)))
 
 
 def effective_samples(rho: ArrayLike, n: float, pairs: ArrayLike | None = None) -> float:
@@ -167,9 +184,104 @@ def effective_samples_of(values: ArrayLike, stretch: ArrayLike | None = None) ->
     x = np.asarray(values, dtype=np.float64).ravel()
     mark = None if stretch is None else np.asarray(stretch).ravel()
     n = int(np.count_nonzero(np.isfinite(x)))
-    lags = default_lags(n, _longest(mark, x.size))
-    sums = lag_sums(x, lags, mark, origin=_centre(x))
-    return effective_samples(sums.autocorrelation(), n, sums.pairs)
+    longest = _longest(mark, x.size)
+    lags = max(min(longest - 1, n // 4, LONG_MEMORY), 1 + mean_lags(n, longest), 0)
+    return effective_samples_from(lag_sums(x, lags, mark, origin=_centre(x)))
+
+
+def effective_samples_from(own: LagSums, known: LagSums | None = None) -> float:
+    """Estimate the effective number of samples for a variance from lag sums; NaN when the samples are constant.
+
+    `known`: the sums of more samples of the same correlation, where `own` are too few to tell it. The squares of
+    estimated correlations are too large on average by their own variance (F / pairs, with F = n / n_eff); that is taken
+    off. What is left scatters, and a low estimate of sigma comes with a low one of F, so one standard error of F that
+    real correlation causes is put on again. Between 2 and n.
+
+    References
+    ----------
+    Bartlett (1946) for the variance of an estimated correlation; coverage counted in docs/explanation/accuracy.md.
+    """
+    source = own if known is None else known
+    n, ns = float(own.pairs[0]), float(source.pairs[0])
+    rho = source.correlation_of_pairs()
+    if n < 2 or not np.isfinite(rho[0]):
+        return n if n < 2 else float("nan")
+    there = min(rho.size, own.pairs.size, int(np.count_nonzero(np.isfinite(rho)))) - 1
+    rho = rho[1 : there + 1] + mean_memory(source).inflation / ns  # what the removed mean takes from every product
+    pairs, weights = source.pairs[1 : there + 1], own.pairs[1 : there + 1] / n
+    lags = min(default_lags(int(n), own.longest), there)
+    squares, noise = _debiased(rho[:lags], pairs[:lags], ns)
+    tail = 0.0
+    if lags >= 10 and float(squares[-5:].mean()) > 2 * float(noise[-1]):  # the memory is longer than that
+        lags = min(there, int(n) // 4, own.longest - 1)
+        squares, noise = _debiased(rho[:lags], pairs[:lags], ns)
+        tail = _tail(squares, n / max(n - float(own.pairs[1]), 1.0))
+    scatter = float(np.sum(weights[:lags] ** 2 * squares * noise))
+    f = max(1 + 2 * (float(np.sum(weights[:lags] * squares)) + tail), 1.0) + 4 * np.sqrt(max(scatter, 0.0))
+    return float(min(max(n / f, 2.0), n))
+
+
+def _debiased(rho: FloatArray, pairs: FloatArray, n: float) -> tuple[FloatArray, FloatArray]:
+    """Squares of the true correlations, from estimated ones, and the variance of the estimates.
+
+    The variance is F (1 - rho^2)^2 / pairs: Bartlett's F / pairs far out, and about that of AR(1) at the first lags.
+    """
+    known = (1 - np.clip(rho**2, 0.0, 1.0)) ** 2
+    inflation = max((1 + 2 * float(np.sum(pairs * rho**2)) / n) / (1 + 2 * float(known.sum()) / n), 1.0)
+    noise = inflation * known / pairs
+    return rho**2 - noise, noise
+
+
+def _tail(squares: FloatArray, length: float) -> float:
+    """The sum beyond the last lag, where squares fall on as over the last ten, in stretches of this length."""
+    last, before = max(float(squares[-5:].mean()), 0.0), max(float(squares[-10:-5].mean()), 0.0)
+    if not last > 0.0:
+        return 0.0
+    fall = min((last / before) ** 0.2, 1.0) if before > 0.0 else 1.0
+    k = np.arange(squares.size + 1, max(int(length), squares.size) + 1)
+    return float(np.sum(np.clip(1 - k / length, 0.0, None) * last * fall ** (k - squares.size + 2)))
+
+
+def mean_lags(n: float, longest: int) -> int:
+    """Give the number of lags that the variance of a mean is estimated from: growth after Andrews (1991)."""
+    return max(0, min(int(8 * (n / 100) ** (1 / 3)), longest - 2))
+
+
+@dataclass(frozen=True)
+class MeanMemory:
+    """Variance of a mean over that of independent samples, and the degrees of freedom of this estimate."""
+
+    inflation: float
+    dof: float
+
+
+def mean_memory(sums: LagSums) -> MeanMemory:
+    """Estimate what memory does to the variance of a mean, from lag sums.
+
+    The samples are made nearly white with their lag-one correlation phi first; what is left is summed with triangular
+    weights, and the factor of phi is put back, for stretches of the average length. Degrees of freedom: those that the
+    scatter of this estimate leaves, no more than n - 1 and at least 1.
+
+    References
+    ----------
+    Andrews and Monahan (1992), prewhitened kernel estimator; Newey and West (1987), weights; Marriott and Pope (1954),
+    bias of phi; Priestley (1981), section 6.2.4, degrees of freedom.
+    """
+    n = float(sums.pairs[0])
+    rho = sums.correlation_of_pairs()
+    if n < 3 or not np.isfinite(rho[0]) or rho.size < 2 or not np.isfinite(rho[1]):
+        return MeanMemory(1.0, max(n - 1.0, 1.0))
+    lags = min(mean_lags(n, sums.longest), int(np.count_nonzero(np.isfinite(rho))) - 2)
+    phi = float(np.clip(rho[1] + (1 + 3 * rho[1]) / n, -0.9, 0.97))
+    around = np.concatenate(([rho[1]], rho[: lags + 2]))
+    white = (1 + phi**2) * around[1:-1] - phi * (around[2:] + around[:-2])
+    taper = 1 - np.arange(1, lags + 1) / (lags + 1)
+    long_run = max(float(white[0] + 2 * taper @ white[1:]), 0.0) / (1 - phi) ** 2
+    long_run /= 1 - min((lags + 1) / n, 0.5)  # what the removed mean takes
+    length = max(round(n / max(n - float(sums.pairs[1]), 1.0)), 1)
+    ends = 1 - 2 * phi * (1 - phi**length) / (length * (1 - phi**2))
+    scatter = 4 / 3 * (lags + 1) / n + 4 * (1 + phi) / ((1 - phi) * n)
+    return MeanMemory(max(long_run * ends, 1 / n), float(min(max(2 / scatter, 1.0), n - 1)))
 
 
 @dataclass(frozen=True)

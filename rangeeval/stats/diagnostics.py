@@ -31,7 +31,7 @@ class TestResult:
 _NO_TEST = TestResult(float("nan"), float("nan"), float("nan"))
 
 
-def mean_t_test(n: float, mean: float, s: float, vif: float = 1.0) -> TestResult:
+def mean_t_test(n: float, mean: float, s: float, vif: float = 1.0, dof: float | None = None) -> TestResult:
     """Test whether a mean differs from zero, counting the memory of the samples through `vif`.
 
     `vif` is the variance of the mean over that of independent samples. Without it (1) the test never rejects
@@ -40,9 +40,10 @@ def mean_t_test(n: float, mean: float, s: float, vif: float = 1.0) -> TestResult
 
     References
     ----------
-    Student's t with min(n, n / vif) - 1 degrees of freedom.
+    Student's t with min(n, n / vif) - 1 degrees of freedom, unless `dof` says how well `vif` is known.
     """
-    dof = min(n, n / vif) - 1 if vif > 0 else n - 1
+    if dof is None:
+        dof = min(n, n / vif) - 1 if vif > 0 else n - 1
     if not (n >= 2 and s > 0 and vif > 0 and dof > 0):
         return _NO_TEST
     t = mean / (s * np.sqrt(vif / n))

@@ -52,19 +52,24 @@ def sigma_lower_bound(s: ArrayLike, nu: ArrayLike, confidence: float = 0.95) -> 
 
 
 def mean_interval(
-    mean: ArrayLike, s: ArrayLike, n: ArrayLike, vif: ArrayLike = 1.0, confidence: float = 0.95
+    mean: ArrayLike,
+    s: ArrayLike,
+    n: ArrayLike,
+    vif: ArrayLike = 1.0,
+    confidence: float = 0.95,
+    dof: ArrayLike | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Two-sided interval (low, high) of a mean of correlated samples; `vif` inflates the variance of the
     mean.
 
     References
     ----------
-    Student's t with min(n, n / vif) - 1 degrees of freedom.
+    Student's t with min(n, n / vif) - 1 degrees of freedom, unless `dof` says how well `vif` is known.
     """
     count, inflation = _float(n), _float(vif)
-    dof = np.minimum(count, count / inflation) - 1
+    freedom = np.minimum(count, count / inflation) - 1 if dof is None else np.where(count > 1, _float(dof), np.nan)
     with np.errstate(invalid="ignore", divide="ignore"):
-        quantile = special.stdtrit(np.where(dof > 0, dof, np.nan), (1 + _checked(confidence)) / 2)
+        quantile = special.stdtrit(np.where(freedom > 0, freedom, np.nan), (1 + _checked(confidence)) / 2)
         half = quantile * _float(s) * np.sqrt(inflation / count)
     centre = _float(mean)
     return centre - half, centre + half

@@ -71,13 +71,56 @@ def write_npy(path: Path) -> None:
         np.save(file, structured())
 
 
-# One small sample for every entry of FORMATS: a format without one fails its test.
+# One small sample of a table for every entry of FORMATS that holds tables: a format without one fails its test.
 SAMPLES: dict[str, Callable[[Path], None]] = {
     "hdf5": write_hdf5,
     "parquet": write_parquet,
     "npz": write_npz,
     "npy": write_npy,
     "text": write_text,
+}
+
+# Samples of an array: 40 snapshots of three sensors, complex.
+PHASES = np.exp(1j * np.arange(120).reshape(40, 3) ** 1.3)
+POSITIONS = [[0.0, 0.0], [0.0, 0.12], [0.5, 0.25]]
+
+
+def write_hdf5_samples(path: Path, samples: Any = PHASES, **facts: Any) -> None:
+    said = {"sensor_position_m": POSITIONS, "frequency_hz": 6250.0, "propagation_speed_m_s": 1500.0} | facts
+    with h5py.File(path, "w") as file:
+        file["time_s"] = np.arange(len(samples)) * 0.5
+        file["samples"] = samples
+        for name, value in said.items():
+            if value is not None:
+                file[name] = value
+
+
+def write_npz_samples(path: Path) -> None:
+    with path.open("wb") as file:
+        np.savez(file, time_ms=np.arange(40) * 500.0, snapshots=PHASES, sensor_position_m=POSITIONS,
+                 frequency_khz=6.25, propagation_speed_m_s=1500.0)  # fmt: skip
+
+
+def sac_bytes(values: Any, station: str, order: str = "<", **header: Any) -> bytes:
+    """A SAC file by the words of its manual: floats 0 to 69, integers to 109, then 192 bytes of text."""
+    words = {"delta": 0.5, "b": 0.0, "stla": 36.5, "stlo": -112.25, "stel": 1400.0} | header
+    floats, whole = np.full(70, -12345.0, f"{order}f4"), np.full(40, -12345, f"{order}i4")
+    for place, name in ((0, "delta"), (5, "b"), (31, "stla"), (32, "stlo"), (33, "stel")):
+        floats[place] = words[name]
+    whole[:6] = header.get("start", (2026, 132, 6, 30, 15, 250))
+    whole[[6, 9, 15, 35]] = 6, len(values), header.get("iftype", 1), header.get("leven", 1)
+    text = station.ljust(8).encode() + b"-12345  " * 23
+    return floats.tobytes() + whole.tobytes() + text + np.asarray(values, f"{order}f4").tobytes()
+
+
+def write_sac(path: Path) -> None:
+    path.write_bytes(sac_bytes(np.arange(400.0) ** 1.1, "AB1"))
+
+
+SNAPSHOTS: dict[str, Callable[[Path], None]] = {
+    "hdf5": write_hdf5_samples,
+    "npz": write_npz_samples,
+    "sac": write_sac,
 }
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from rangeeval.errors import RangeevalError
 from rangeeval.parsers import hdf5, open_trial
-from tests.parsers.samples import SAMPLES, compressed, csv_text, write_hdf5
+from tests.parsers.samples import SAMPLES, SNAPSHOTS, compressed, csv_text, write_hdf5
 
 SECONDS = float(os.environ.get("RANGEEVAL_FUZZ_SECONDS", "12"))
 
@@ -35,6 +35,7 @@ def hdf5_lzf(path: Path) -> None:
 
 WRITERS: dict[str, Callable[[Path], None]] = {
     **SAMPLES,
+    **{f"{name}-snapshots": write for name, write in SNAPSHOTS.items()},
     "gz": gz,
     "zst": zst,
     "hdf5-gzip": hdf5_gzip,

@@ -5,12 +5,14 @@ from __future__ import annotations
 import base64
 import datetime
 import html.parser
+import io
 import itertools
 import json
 import re
 import xml.etree.ElementTree as ET
 from typing import Any
 
+import matplotlib.image
 import numpy as np
 import pytest
 
@@ -29,6 +31,7 @@ from rangeeval.reporting import (
     render,
     render_html,
     render_pdf,
+    style,
 )
 from rangeeval.reporting.blocks import outline
 from rangeeval.reporting.fonts import Glyphs
@@ -50,6 +53,7 @@ MARKS = {
     "stems": Mark("stems", X, [1, -1, 0.5, 0, np.nan], label="t"),
     "band": Mark("band", X, low=X - 1, high=X + 1, label="band", role="group3"),
     "errorbars": Mark("errorbars", X, X, X - 0.5, [1, 2, 3, np.inf, 5], label="e", role="group12"),
+    "heat": Mark("heat", X, (-1.0, 0.0, 1.0), z=[[0, 1, 2, 3], [4, np.nan, 6, 7]], label="h"),
     "rules": Mark("rule", x=(1.0, 2.0), y=(3.0, np.nan), label="r", role="limit"),
     "empty": Mark("points", (), (), label="none"),
     "one point": Mark("points", (3.0,), (0.0,), label="one"),
@@ -157,6 +161,8 @@ def test_blocks_refuse_what_cannot_be_placed() -> None:
     """Series or rows of unequal length are an error where they are made, in words."""
     with pytest.raises(ValueError, match="differ in length"):
         Mark("line", (1.0, 2.0), (1.0,))
+    with pytest.raises(ValueError, match="2 rows of"):
+        Mark("heat", (0.0, 1.0), (0.0, 1.0), z=((1.0,), (2.0,)))
     with pytest.raises(ValueError, match="row 0 has 1 cells, not 2"):
         Table("t", ("a", "b"), (("x",),))
     with pytest.raises(ValueError, match="language"):
@@ -254,6 +260,8 @@ def _expanded(value: Any) -> Any:
     if isinstance(value, dict) and "steps" in value:
         steps = np.frombuffer(base64.b64decode(value["steps"]), dtype="<u2").astype(float)
         return list(np.where(steps == 65535, 0.0, value["low"] + steps * (value["high"] - value["low"]) / 65534))
+    if isinstance(value, dict) and "levels" in value:
+        return np.frombuffer(base64.b64decode(value["levels"]), np.uint8).reshape(value["shape"]).tolist()
     if isinstance(value, dict):
         return {key: _expanded(item) for key, item in value.items()}
     if isinstance(value, list):
@@ -277,13 +285,33 @@ def test_bokeh_itself_reads_what_is_written() -> None:
     read = BokehDocument.from_json(written)
     assert [root.id for root in read.roots] == document["roots"]
     assert {renderer.glyph.__class__.__name__ for root in read.roots for renderer in root.renderers} >= {
-        "Scatter", "Line", "Step", "Quad", "Segment", "VArea",
+        "Scatter", "Line", "Step", "Quad", "Segment", "VArea", "Image",
     }  # fmt: skip
     first = read.roots[0]
     assert (first.x_range.start, first.title.text.text) == (
         document["doc"]["roots"][0]["attributes"]["x_range"]["attributes"]["start"],
         "t",
     )
+
+
+def test_a_heat_mark_has_its_lowest_row_at_the_bottom_in_both() -> None:
+    """Values become levels of one palette, missing ones transparent; it fills its panel."""
+    figure = _figure(MARKS["heat"])
+    picture = next(e for e in ET.fromstring(render_svg(figure, Glyphs())).iter() if e.tag.endswith("image"))
+    png = base64.b64decode(picture.get("href", "").split(",")[1])
+    shown = (matplotlib.image.imread(io.BytesIO(png), format="png") * 255).round().astype(int)
+    colours = [[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in style.heat_colours()]
+    levels = [[36, -1, 54, 63], [0, 9, 18, 27]]
+    for row, wanted in zip(shown, levels, strict=True):
+        for pixel, level in zip(row, wanted, strict=True):
+            assert pixel[3] == (0 if level < 0 else 255)
+            assert level < 0 or pixel[:3].tolist() == colours[level]
+    (root,) = plot_document(figure, "f", "3")["doc"]["roots"]
+    ((_, (image,)),) = root["attributes"]["renderers"][0]["attributes"]["data_source"]["attributes"]["data"]["entries"]
+    cells = np.frombuffer(base64.b64decode(image["levels"]), np.uint8).reshape(image["shape"])
+    assert cells.tolist() == [[0, 9, 18, 27], [36, 255, 54, 63]]
+    ends = root["attributes"]["y_range"]["attributes"]
+    assert (ends["start"], ends["end"]) == (-1, 1)
 
 
 def test_sixteen_bit_columns_are_finer_than_a_pixel() -> None:

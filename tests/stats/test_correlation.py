@@ -179,9 +179,10 @@ def test_pooled_effective_samples_agree_with_one_long_stretch():
 
 
 def test_number_of_lags_follows_the_rule():
-    """floor(min(10 log10 n, longest / 4)): 20 at 100, 7 at 30, 0 below 4."""
+    """floor(min(10 log10 n, n / 4, longest - 1)): 20 at 100, 7 at 30, 0 below 4; short stretches tell their own lags."""
     assert [co.default_lags(n) for n in (0, 3, 30, 100, 1000)] == [0, 0, 7, 20, 30]
-    assert co.default_lags(1000, 20) == 5
+    assert co.default_lags(1000, 20) == 19
+    assert co.default_lags(1000, 1) == 0
 
 
 def test_ljung_box_rejects_as_often_as_promised():

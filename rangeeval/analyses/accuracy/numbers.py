@@ -15,8 +15,9 @@ from rangeeval.model import Bins, Estimate
 from rangeeval.model.settings import Radar
 from rangeeval.physics.measurement import angle_sigma, filtered_sigma, range_sigma, snr_from_db, snr_to_db
 from rangeeval.stats import cells as c
-from rangeeval.stats.cells import LAGS, Cell
-from rangeeval.stats.correlation import effective_samples, ljung_box
+from rangeeval.stats.cells import Cell
+from rangeeval.stats.clusters import cluster_excess
+from rangeeval.stats.correlation import LagSums, MeanMemory, effective_samples_from, ljung_box, mean_memory
 from rangeeval.stats.diagnostics import (
     MAD_TO_SIGMA,
     gate_truncation_factor,
@@ -48,6 +49,9 @@ ALIKE = 2.33  # one-sided 1 %: manoeuvre beyond the gains' design is where inter
 OWN_BIN_CORRELATION = 100  # samples; bins with fewer borrow the correlation of all bins of their group
 OWN_VARIANCES = 1000
 SHAPIRO_BELOW = 100
+TRACKS_DIFFER = 0.05  # level of the test
+UNEVEN_WEIGHTS = 1.01  # mean square of the weights over their squared mean
+MAD_EFFICIENCY = 0.3675  # of the median absolute deviation against the standard deviation, for normal samples
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,7 @@ class Memory:
 
     rho: Array
     n_eff: float
-    vif: float
+    mean: MeanMemory
 
 
 @dataclass(frozen=True)
@@ -87,7 +91,7 @@ class Here:
     sigmas: Sigmas
     p_values: Mapping[str, float]
     flags: tuple[str, ...]
-    nu: float
+    freedom: Freedom
 
     def row(
         self,
@@ -116,10 +120,10 @@ class Here:
             extra=extra,
         )
 
-    def sigma_row(self, quantity: str, unit: str, value: float) -> Estimate:
+    def sigma_row(self, quantity: str, unit: str, value: float, nu: float) -> Estimate:
         """A row with the chi-square interval of a sigma on `nu` degrees of freedom."""
-        low, high = sigma_interval(value, self.nu, self.method.confidence)
-        return self.row(quantity, unit, value, (float(low), float(high)), nu=self.nu)
+        low, high = sigma_interval(value, nu, self.method.confidence)
+        return self.row(quantity, unit, value, (float(low), float(high)), nu=nu)
 
 
 @dataclass(frozen=True)
@@ -137,38 +141,85 @@ class Sigmas:
     q: float
 
 
-def _memory(cell: Cell, shared: Array | None) -> Memory:
+@dataclass(frozen=True)
+class Freedom:
+    """Degrees of freedom behind the sigmas: plain sum of squares, those weighted for track and angle, MAD."""
+
+    residual: float
+    track: float
+    angle: float
+    robust: float
+
+
+def _memory(cell: Cell, shared: LagSums | None) -> Memory:
     """Effective number of samples: from the bin's own correlation, or from `shared` where the bin holds too few."""
-    n = cell.n
-    covariances, pairs = cell.covariances()
-    if n < 2 or not covariances[0] > 0:
-        return Memory(np.array([1.0]), float(n), 1.0)
-    lags = int(min(10 * math.log10(n), n // 4, LAGS, max(cell.sums[c.LONGEST] - 1, 0)))
-    own = covariances[: lags + 1] / covariances[0]
-    rho = own if shared is None or n >= OWN_BIN_CORRELATION else shared[: min(len(shared), lags + 1)]
-    n_eff = min(float(effective_samples(rho, n, pairs[: len(rho)])), float(n))
-    return Memory(own, n_eff, _long_run_ratio(covariances, n))
+    n, own = cell.n, cell.lag_sums()
+    if n < 2 or not own.products[0] > 0:
+        return Memory(np.array([1.0]), float(n), MeanMemory(1.0, max(n - 1.0, 1.0)))
+    known = shared if n < OWN_BIN_CORRELATION else None
+    return Memory(own.autocorrelation(), effective_samples_from(own, known), _mean_of_tracks(cell, mean_memory(own)))
 
 
-def _long_run_ratio(covariances: Array, n: int) -> float:
-    """Variance of the mean over that of white samples (Newey and West 1987, triangular weights)."""
-    lags = max(1, min(int(4 * (n / 100) ** (2 / 9)), LAGS, n - 1))
-    weights = 1.0 - np.arange(1, lags + 1) / (lags + 1)
-    ratio = 1.0 + 2.0 * float(weights @ covariances[1 : lags + 1]) / covariances[0]
-    return max(float(ratio), 1.0 / n)
+def _mean_of_tracks(cell: Cell, memory: MeanMemory) -> MeanMemory:
+    """The memory of a mean; where tracks differ by more than their samples explain, the tracks count as the samples."""
+    values = cell.kept[c.VALUE]
+    expected = values.size * memory.inflation * float(cell.sums[c.M2]) / (cell.n - 1)
+    excess = cluster_excess(values, cell.kept[c.TRACK], expected, TRACKS_DIFFER)
+    return MeanMemory(memory.inflation * excess.ratio, min(memory.dof, excess.dof))
 
 
-def _shared_correlations(cells: Mapping[Place, Cell]) -> dict[tuple[str, str], Array]:
-    """The correlation of all bins of a group, track or all together, every bin on the scale of its own variance."""
-    totals: dict[tuple[str, str], tuple[Array, float]] = {}
+def _shared_correlations(cells: Mapping[Place, Cell]) -> dict[tuple[str, str], LagSums]:
+    """The lag sums of all bins of a group, track or all together, every bin on the scale of its own variance."""
+    totals: dict[tuple[str, str], LagSums] = {}
     for place, cell in cells.items():
-        covariances, _ = cell.covariances()
-        if cell.n < 2 or not covariances[0] > 0:
+        sums = cell.lag_sums()
+        if cell.n < 2 or not sums.products[0] > 0:
             continue
-        key = (place.track, place.group)
-        total, n = totals.get(key, (np.zeros(LAGS + 1), 0.0))
-        totals[key] = total + covariances / covariances[0] * cell.n, n + cell.n
-    return {key: total / n for key, (total, n) in totals.items()}
+        key, scaled = (place.track, place.group), sums.standardised()
+        totals[key] = totals[key].merge(scaled) if key in totals else scaled
+    return totals
+
+
+def _freedom(cell: Cell, memory: Memory, sigmas: Sigmas, flags: tuple[str, ...], *, paper: bool) -> Freedom:
+    """Fewer degrees of freedom where tails are heavy, where a few samples carry a sum of squares, where tracks differ.
+
+    The angle of a close target weighs a sample with 1 / R^2; gains, SNR and range that change inside a bin do the like.
+    The kurtosis of the weighted samples says how much, and is believed where something says that they are uneven. Where
+    tracks differ by more than their samples explain (another path past the radar, a manoeuvre), the tracks count.
+    """
+    n, s = cell.n, cell.sums
+    if n < 2:
+        return Freedom(*[math.nan] * 4)
+    plain = float(jarque_bera_from_moments(n, s[c.M2], s[c.M3], s[c.M4]).kurtosis)
+    heavy = "not-normal" in flags
+    varies = not {"snr-varies", "range-varies"}.isdisjoint(flags)
+    mean = 0.0 if paper else sigmas.mean
+
+    def freedom(kurtosis: float, squares: Array, *, uneven: bool) -> float:
+        if heavy and kurtosis > 3.0:
+            nu = _positive(float(degrees_of_freedom(memory.n_eff, kurtosis=kurtosis)))
+        else:
+            # The kurtosis of n samples is at most n, and falls short the more the nearer it comes to that.
+            share = 3.0 / max(kurtosis * (1.0 + kurtosis / n), 3.0) if uneven and kurtosis > 0.0 else 1.0
+            nu = _positive(float(degrees_of_freedom(memory.n_eff)) * share)
+        expected = 2.0 * float(squares.sum()) ** 2 * n / (nu * squares.size)
+        level = TRACKS_DIFFER if 2.0 * nu > memory.n_eff else 0.5  # few samples carry the sum: the test sees little
+        return nu / cluster_excess(squares, cell.kept[c.TRACK], expected, level).allowance
+
+    def weighted(row: int) -> float:
+        uneven = varies or cell.weight_spread(row) > UNEVEN_WEIGHTS
+        return freedom(cell.weighted_kurtosis(row, mean), cell.squares(row, mean), uneven=uneven)
+
+    return Freedom(
+        freedom(plain, (cell.kept[c.VALUE] - mean) ** 2, uneven=varies),
+        weighted(c.WEIGHT),
+        weighted(c.ANGLE_WEIGHT),
+        _positive(MAD_EFFICIENCY * float(degrees_of_freedom(memory.n_eff))),
+    )
+
+
+def _positive(nu: float) -> float:
+    return nu if nu > 0 else math.nan
 
 
 def bin_estimates(gathered: Gathered, method: Method) -> Iterator[Estimate]:
@@ -196,18 +247,14 @@ def bin_estimates(gathered: Gathered, method: Method) -> Iterator[Estimate]:
 
 
 def _here(
-    axis: Axis, cell: Cell, place: Place, shared: Mapping[tuple[str, str], Array], method: Method, sigma_range: float
+    axis: Axis, cell: Cell, place: Place, shared: Mapping[tuple[str, str], LagSums], method: Method, sigma_range: float
 ) -> Here:
     memory = _memory(cell, shared.get((place.track, place.group)))
     sigmas = _sigmas(cell, method)
-    s = cell.sums
-    kurtosis = float(jarque_bera_from_moments(cell.n, s[c.M2], s[c.M3], s[c.M4]).kurtosis)
     p_values = _p_values(cell, memory, sigmas)
     flags = _flags(axis, cell, memory, sigmas, p_values, sigma_range, method)
-    # Heavy tails: the variance estimate scatters more than a normal one's, which the interval must say.
-    heavy = kurtosis if "not-normal" in flags and kurtosis > 3.0 else 3.0
-    nu = float(degrees_of_freedom(memory.n_eff, kurtosis=heavy)) if cell.n > 1 else math.nan
-    return Here(axis, cell, place, method, memory, sigmas, p_values, flags, nu if nu > 0 else math.nan)
+    freedom = _freedom(cell, memory, sigmas, flags, paper=method.paper)
+    return Here(axis, cell, place, method, memory, sigmas, p_values, flags, freedom)
 
 
 def _root(squares: float, n: int) -> float:
@@ -239,15 +286,17 @@ def _p_values(cell: Cell, memory: Memory, sigmas: Sigmas) -> dict[str, float]:
     spread = math.sqrt(s[c.M2] / (n - 1))
     small = n < SHAPIRO_BELOW and cell.exact
     normality = (
-        shapiro_wilk(cell.kept[0]).p_value if small else jarque_bera_from_moments(n, s[c.M2], s[c.M3], s[c.M4]).p_value
+        shapiro_wilk(cell.kept[c.VALUE]).p_value
+        if small
+        else jarque_bera_from_moments(n, s[c.M2], s[c.M3], s[c.M4]).p_value
     )
-    size = np.abs(cell.kept[0] - sigmas.mean)
+    size = np.abs(cell.kept[c.VALUE] - sigmas.mean)
     return {
-        "bias": mean_t_test(n, sigmas.mean, spread, memory.vif).p_value,
+        "bias": mean_t_test(n, sigmas.mean, spread, memory.mean.inflation, memory.mean.dof).p_value,
         "whiteness": ljung_box(rho, n, 10, pairs).p_value if s[c.LONGEST] > 10 and n > 20 else math.nan,
         "normality": float(normality),
-        "snr_homogeneity": spearman(size, cell.kept[3]).p_value if s[c.N_SNR] else math.nan,
-        "range_homogeneity": spearman(size, cell.kept[2]).p_value,
+        "snr_homogeneity": spearman(size, cell.kept[c.SNR]).p_value if s[c.N_SNR] else math.nan,
+        "range_homogeneity": spearman(size, cell.kept[c.RANGE]).p_value,
     }
 
 
@@ -309,18 +358,19 @@ def _axis_rows(here: Here) -> list[Estimate]:
     kurtosis = jarque_bera_from_moments(cell.n, s[c.M2], s[c.M3], s[c.M4])
     low, high = (float(v) for v in bracket_factors(sigmas.alpha))
     spread = _root(float(s[c.M2]), cell.n)
-    mean_low, mean_high = mean_interval(sigmas.mean, spread, cell.n, here.memory.vif, here.method.confidence)
+    memory, nu = here.memory.mean, here.freedom
+    ends = mean_interval(sigmas.mean, spread, cell.n, memory.inflation, here.method.confidence, memory.dof)
     return [
-        sigma_row(f"{a}_sigma", "m", sigmas.estimate),
-        sigma_row(f"{a}_sigma_white", "m", sigmas.white),
-        sigma_row(f"{a}_sigma_bracket_low", "m", low * sigmas.residual),
-        sigma_row(f"{a}_sigma_bracket_high", "m", high * sigmas.residual),
+        sigma_row(f"{a}_sigma", "m", sigmas.estimate, nu.track),
+        sigma_row(f"{a}_sigma_white", "m", sigmas.white, nu.track),
+        sigma_row(f"{a}_sigma_bracket_low", "m", low * sigmas.residual, nu.residual),
+        sigma_row(f"{a}_sigma_bracket_high", "m", high * sigmas.residual, nu.residual),
         row(f"{a}_rms_with_lag", "m", float(rms_with_lag(sigmas.estimate, sigmas.mean, sigmas.alpha))),
-        sigma_row(f"{a}_sigma_mean_gains", "m", sigmas.mean_gains),
-        sigma_row(f"{a}_sigma_robust", "m", sigmas.residual_robust * math.sqrt(sigmas.q)),
-        sigma_row(f"{a}_residual_sigma", "m", sigmas.residual),
-        sigma_row(f"{a}_residual_sigma_robust", "m", sigmas.residual_robust),
-        row(f"{a}_residual_mean", "m", sigmas.mean, (float(mean_low), float(mean_high))),
+        sigma_row(f"{a}_sigma_mean_gains", "m", sigmas.mean_gains, nu.residual),
+        sigma_row(f"{a}_sigma_robust", "m", sigmas.residual_robust * math.sqrt(sigmas.q), nu.robust),
+        sigma_row(f"{a}_residual_sigma", "m", sigmas.residual, nu.residual),
+        sigma_row(f"{a}_residual_sigma_robust", "m", sigmas.residual_robust, nu.robust),
+        row(f"{a}_residual_mean", "m", sigmas.mean, (float(ends[0]), float(ends[1])), nu=memory.dof),
         row(f"{a}_residual_min", "m", float(s[c.MIN_X]) if some else math.nan),
         row(f"{a}_residual_max", "m", float(s[c.MAX_X]) if some else math.nan),
         row(f"{a}_residual_skewness", "1", float(kurtosis.skewness)),
@@ -356,7 +406,9 @@ def _range_rows(here: Here) -> list[Estimate]:
     cell, radar = here.cell, here.method.radar
     rows = [here.row("range_predicted_mean", "m", cell.mean_of(c.SUM_R)), *_snr_rows(here)]
     measured = float(range_sigma(0.0, radar.bandwidth_hz)) * math.sqrt(2.0) if radar.bandwidth_hz else 0.0
-    return rows + _prediction_rows(here, "range", "m", measured, radar.range_floor_m, here.sigmas.estimate)
+    return rows + _prediction_rows(
+        here, "range", "m", measured, radar.range_floor_m, here.sigmas.estimate, here.freedom.track
+    )
 
 
 def _snr_rows(here: Here) -> list[Estimate]:
@@ -364,7 +416,7 @@ def _snr_rows(here: Here) -> list[Estimate]:
     if not n:
         return []
     mean = s[c.SUM_SNR] / n
-    linear = snr_from_db(here.cell.kept[3])
+    linear = snr_from_db(here.cell.kept[c.SNR])
     spread = float(np.std(linear[np.isfinite(linear)], ddof=1)) if n > 1 else math.nan
     low, high = (float(v) for v in mean_interval(mean, spread, n, 1.0, here.method.confidence))
     return [
@@ -375,7 +427,7 @@ def _snr_rows(here: Here) -> list[Estimate]:
 
 
 def _prediction_rows(
-    here: Here, name: str, unit: str, at_unit_snr: float, floor: float, assessed: float
+    here: Here, name: str, unit: str, at_unit_snr: float, floor: float, assessed: float, nu: float
 ) -> list[Estimate]:
     """The sigma predicted from SNR, and the assessed variance over the predicted one.
 
@@ -388,7 +440,7 @@ def _prediction_rows(
         predicted = float(filtered_sigma(floor, here.sigmas.alpha, here.sigmas.beta))
     else:
         return []
-    ratio, low, high = variance_ratio_interval(assessed, here.nu, predicted, here.method.confidence)
+    ratio, low, high = variance_ratio_interval(assessed, nu, predicted, here.method.confidence)
     return [
         here.row(f"predicted_{name}_sigma", unit, predicted),
         here.row(f"{name}_variance_ratio", "1", float(ratio), (float(low), float(high))),
@@ -409,13 +461,16 @@ def _angle_rows(here: Here, angle: str, sigma_range: float) -> list[Estimate]:
     else:
         estimate, white = (method.ungated * _root(cell.centred(first, sigmas.mean), n) for first in (c.U0, c.V0))
     low, high = (float(v) for v in bracket_factors(sigmas.alpha))
+    nu = here.freedom
     rows = [
-        here.sigma_row(f"{angle}_sigma", "rad", estimate),
-        here.sigma_row(f"{angle}_sigma_white", "rad", white),
-        here.sigma_row(f"{angle}_sigma_bracket_low", "rad", angle_of(low * sigmas.residual)),
-        here.sigma_row(f"{angle}_sigma_bracket_high", "rad", angle_of(high * sigmas.residual)),
-        here.sigma_row(f"{angle}_sigma_mean_gains", "rad", angle_of(sigmas.mean_gains)),
-        here.sigma_row(f"{angle}_sigma_robust", "rad", angle_of(sigmas.residual_robust * math.sqrt(sigmas.q))),
+        here.sigma_row(f"{angle}_sigma", "rad", estimate, nu.angle),
+        here.sigma_row(f"{angle}_sigma_white", "rad", white, nu.angle),
+        here.sigma_row(f"{angle}_sigma_bracket_low", "rad", angle_of(low * sigmas.residual), nu.residual),
+        here.sigma_row(f"{angle}_sigma_bracket_high", "rad", angle_of(high * sigmas.residual), nu.residual),
+        here.sigma_row(f"{angle}_sigma_mean_gains", "rad", angle_of(sigmas.mean_gains), nu.residual),
+        here.sigma_row(
+            f"{angle}_sigma_robust", "rad", angle_of(sigmas.residual_robust * math.sqrt(sigmas.q)), nu.robust
+        ),
         here.row(
             f"{angle}_sigma_leak_bound",
             "rad",
@@ -429,4 +484,4 @@ def _angle_rows(here: Here, angle: str, sigma_range: float) -> list[Estimate]:
     measured = 0.0
     if beamwidth:
         measured = float(angle_sigma(0.0, math.radians(beamwidth), radar.monopulse_slope)) * math.sqrt(2.0)
-    return rows + _prediction_rows(here, angle, "rad", measured, math.radians(floor), estimate)
+    return rows + _prediction_rows(here, angle, "rad", measured, math.radians(floor), estimate, nu.angle)

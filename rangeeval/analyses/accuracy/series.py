@@ -51,7 +51,7 @@ def figure_series(gathered: Gathered, bins: Bins) -> dict[str, Columns]:
 
 def _samples(cell: Cell, limit: int) -> Columns:
     """At most about `limit` samples in time order, the smallest and the largest of all always among them."""
-    values, times, ranges = cell.kept[0], cell.kept[1], cell.kept[2]
+    values, times, ranges = cell.kept[c.VALUE], cell.kept[c.TIME], cell.kept[c.RANGE]
     step = max(1, math.ceil(values.size / limit))
     chosen = np.arange(0, values.size, step)
     kept = set(chosen.tolist())
@@ -67,7 +67,7 @@ def _samples(cell: Cell, limit: int) -> Columns:
 
 def _histogram(cell: Cell) -> Columns:
     """Counts in equal steps (Freedman and Diaconis 1981), of the samples kept, scaled to all."""
-    values = cell.kept[0]
+    values = cell.kept[c.VALUE]
     q1, q3 = np.quantile(values, [0.25, 0.75])
     width = 2.0 * (q3 - q1) / max(values.size, 1) ** (1 / 3)
     span = float(np.ptp(values))
@@ -79,7 +79,7 @@ def _histogram(cell: Cell) -> Columns:
 
 def _qq(cell: Cell) -> Columns:
     """Sample quantiles against those of a normal distribution, the outermost always among them."""
-    values = np.sort(cell.kept[0])
+    values = np.sort(cell.kept[c.VALUE])
     p = (np.arange(values.size) + 0.5) / values.size
     if values.size > QUANTILES:
         edge = 20

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from rangeeval.analyses.attitude.gathering import Gathered
 from rangeeval.analyses.attitude.motion import Motion
@@ -18,8 +17,8 @@ from rangeeval.errors import SettingsError
 from rangeeval.model import Bins, Estimate, Trial
 from rangeeval.physics.attitude import tilt
 from rangeeval.physics.pointing import designation_error, report_error, report_sensitivity, small_angle_designation
-from rangeeval.stats.correlation import newey_west
 from rangeeval.stats.intervals import sigma_interval
+from rangeeval.stats.mean_square import root_mean_square
 
 Array = NDArray[np.float64]
 METHODS = ("none", "single", "pair")
@@ -187,26 +186,3 @@ def _count_flags(flags: list[str], n: int, everything: int, bins: Bins) -> None:
         flags.append("few-samples")
     if n < everything:
         flags.append("no-attitude")
-
-
-def root_mean_square(error: Array, noise: float, confidence: float) -> tuple[float, float, float, float, bool]:
-    """Root mean square less known noise, its interval (low, high), effective samples, and whether noise hides it.
-
-    The interval is that of the mean of the squares, whose scatter counts their correlation (Newey and West).
-    """
-    square = error[np.isfinite(error)] ** 2
-    n = square.size
-    if not n:
-        return math.nan, math.nan, math.nan, math.nan, False
-    mean = float(np.mean(square)) - noise
-    if n < 4:
-        return (math.sqrt(mean) if mean > 0 else math.nan), math.nan, math.nan, float(n), mean <= 0
-    white = float(np.var(square, ddof=1))
-    long_run = max(n * newey_west(square), white)
-    spread = math.sqrt(long_run / n)
-    n_eff = n * white / long_run if long_run > 0 else float(n)
-    half = float(stdtrit(max(n_eff - 1, 1.0), 0.5 + confidence / 2)) * spread
-    high = math.sqrt(max(mean + half, 0.0))
-    if mean <= 0:
-        return math.nan, 0.0, high, n_eff, True
-    return math.sqrt(mean), math.sqrt(max(mean - half, 0.0)), high, n_eff, False

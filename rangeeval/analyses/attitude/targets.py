@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rangeeval.model import Log, Problem, Trial
+from rangeeval.model.paths import positions
 from rangeeval.physics.frames import beam_to_cartesian, face_matrix, turn_back
-from rangeeval.physics.geodesy import north_up_east
 from rangeeval.physics.pointing import azimuth_elevation
 
 Array = NDArray[np.float64]
@@ -46,16 +46,10 @@ def _made(position: Array, time: Array, kind: str, log: Log, problems: tuple[Pro
 
 def _truth(trial: Trial, log: Log) -> Path | None:
     table = log.read()
-    time = table.floats("time_s")
-    if "north_m" in log:
-        position = np.stack([table.floats(n) for n in ("north_m", "up_m", "east_m")], axis=-1)
-        return _made(position, time, "truth", log, table.problems)
-    site = trial.settings.site
-    if site.latitude_deg is None or site.longitude_deg is None:
+    position = positions(log, table, trial.settings.site)
+    if position is None:
         return None
-    lat, lon = np.radians(table.floats("latitude_deg")), np.radians(table.floats("longitude_deg"))
-    here = (math.radians(site.latitude_deg), math.radians(site.longitude_deg), site.height_m)
-    return _made(north_up_east(lat, lon, table.floats("height_m"), here), time, "truth", log, table.problems)
+    return _made(position, table.floats("time_s"), "truth", log, table.problems)
 
 
 def _plots(trial: Trial, log: Log) -> Path | None:

@@ -9,6 +9,8 @@ from rangeeval.cli.lazy import LazyGroup
 SCENARIOS: dict[str, str] = {
     "alpha-beta": "rangeeval.cli.simulate.alpha_beta:alpha_beta",
     "attitude": "rangeeval.cli.simulate.attitude:attitude",
+    "bearing": "rangeeval.cli.simulate.bearing:bearing",
+    "imm": "rangeeval.cli.simulate.imm:imm",
     "swerling": "rangeeval.cli.simulate.swerling:swerling",
 }
 

@@ -103,7 +103,7 @@ def software_section(results: Sequence[Result]) -> Section:
         Table("Software", ["Package", "Version"], [[n, v] for n, v in versions.items()], "ll"),
     ]
     for result in results:
-        settings = {k: v for k, v in result.settings.items() if k not in {"counts", "requirements"}}
+        settings = {k: v for k, v in result.settings.items() if k not in {"counts", "requirements", "differences"}}
         if settings:
             rows = [[name.replace("_", " "), _setting(value)] for name, value in settings.items()]
             blocks.append(Table(f"Settings of {result.analysis}", ["Setting", "Value"], rows, "ll"))
