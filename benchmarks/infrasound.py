@@ -22,7 +22,7 @@ from rangeeval.reporting.sections.bearing import waterfall_figure
 from rangeeval.reporting.svg import render_svg
 
 PUBLISHED = "318.2 degrees and 371 m/s"
-FIRST, SECOND, THIRD = (420.0, 434.0), (610.0, 790.0), (800.0, 840.0)
+FIRST, SECOND, THIRD = (418.0, 434.0), (610.0, 790.0), (800.0, 840.0)
 ARRAY = SensorArray(propagation_speed_m_s=340.0, band_hz=(0.5, 5.0), block_s=4.0, targets=1)
 
 
@@ -44,8 +44,8 @@ def main() -> None:
     for speed in (340.0, 371.0):
         array = replace(ARRAY, propagation_speed_m_s=speed)
         trial = rangeeval.open_trial(files, settings=TrialSettings(array=array))
-        result = rangeeval.bearing(trial, method="music", block=5)
-        print(f"MUSIC, {result.settings['bins']} bins, blocks of 10 s, a wave of {speed:g} m/s")
+        result = rangeeval.bearing(trial, method="music", block=3)
+        print(f"MUSIC, {result.settings['bins']} bins, blocks of 8 s, a wave of {speed:g} m/s")
         for t, bearing, half, share in heard(result, FIRST):
             print(f"  {t:6.1f} s: {bearing:5.1f} +- {half:3.1f} degrees, {share:.0%} of the power in one wave")
         for span in (SECOND, THIRD):

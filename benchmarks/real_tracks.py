@@ -44,6 +44,8 @@ columns = { "TIME" = "time_s", "RHO" = "range_nmi", "THETA" = "azimuth_deg", "TA
 """
 MILE = 1852.0
 EDGES_NMI = (3, 10, 20, 40)
+STRETCHES, FEWEST = 30, 30  # stretches of aircraft a band is tuned on, and plots in the shortest
+FASTEST = 350.0  # m/s, of an airliner with the wind
 NOISE = (15.0, 1e-3, 1e-3)  # of the made-up radar that watches the real flights
 
 
@@ -86,6 +88,34 @@ def associated(trial: Trial) -> None:
           f"{sum(max(v) for v in own.values()) / plots:.3f} of the plots in their aircraft's longest track")  # fmt: skip
 
 
+def tuned(trial: Trial) -> None:
+    """Noise by range again, now by the likelihood of an IMM filter's innovations: stretches of aircraft inside a band."""
+    tracks = gather_tracks(trial).tracks
+    for low, high in pairwise(EDGES_NMI):
+        stretches = []
+        for track in tracks:
+            p = track.plots
+            inside = (p.range_m >= low * MILE) & (p.range_m < high * MILE)
+            runs = np.split(np.arange(len(p)), np.flatnonzero(np.diff(inside) | (np.diff(p.time_s) > 10.0)) + 1)
+            stretches += [p.take(r, f"{p.target}-{r[0]}") for r in runs if len(r) >= FEWEST and inside[r[0]]]
+        stretches = sorted(stretches, key=lambda p: (-len(p), p.target))[:STRETCHES]
+        columns = {n: np.concatenate([getattr(p, n) for p in stretches]) for n in ("time_s", "range_m", "azimuth_rad")}
+        columns["target_id"] = np.concatenate([[p.target] * len(p) for p in stretches])
+        band = Trial("band", (log_of("plots", columns),))
+        by_scatter = gather_tracks(band).noise.sigma
+        start = time.perf_counter()
+        result = rangeeval.replay(band, filter="imm", tune=True)
+        seconds = time.perf_counter() - start
+        found = {r.quantity: r for r in result.rows if r.variable is None and r.track_id is None}
+        r, a, held = found["tuned_range_noise"], found["tuned_azimuth_noise"], found["tuning_gain_held_out"]
+        print(f"  {low:2d} to {high:2d} NM  n {r.n:6d}  range {r.value:.2f} [{r.low:.2f}, {r.high:.2f}] m  "
+              f"azimuth {np.degrees(a.value):.4f} [{np.degrees(a.low):.4f}, {np.degrees(a.high):.4f}] deg  "
+              f"held out {held.value:+.3f} [{held.low:+.3f}, {held.high:+.3f}] per update  ({seconds:.0f} s); "
+            f"the same plots by scatter {by_scatter[0]:.2f} m, {np.degrees(by_scatter[1]):.4f} deg")  # fmt: skip
+        print("    " + ", ".join(f"{q.removeprefix('tuned_')} {r.value:.3g}{'*' * ('at-floor' in r.flags)}"
+              for q, r in found.items() if q.startswith("tuned_") and not q.endswith("h_noise")))  # fmt: skip
+
+
 def compared(trial: Trial, name: str) -> None:
     """The three filters on the same plots."""
     start = time.perf_counter()
@@ -118,7 +148,8 @@ def watched(path: Path, away_deg: float) -> None:
     lat, lon = float(np.nanmedian(true["latitude_deg"])) - away_deg, float(np.nanmedian(true["longitude_deg"]))
     own = {"range_sigma_m": NOISE[0], "azimuth_sigma_deg": float(np.degrees(NOISE[1])),
            "elevation_sigma_deg": float(np.degrees(NOISE[2]))}  # fmt: skip
-    settings = settings_from({"site": {"latitude_deg": lat, "longitude_deg": lon}, "replay": own})
+    flown_at = {"max_speed_m_s": FASTEST}
+    settings = settings_from({"truth": flown_at, "site": {"latitude_deg": lat, "longitude_deg": lon}, "replay": own})
     bare = Trial(path.name, (log_of("truth", true, path.name),), settings)
     paths, problems = true_paths(bare)
     flown = next(iter(paths.values()))
@@ -139,6 +170,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as work:
         trial = recorded(folder, Path(work))
         scatter(trial)
+        print("noise by the likelihood (* at its floor):")
+        tuned(trial)
         associated(trial)
         compared(trial, "recorded plots")
     watched(folder / "adsb-tracks" / "zero_gravity.json.gz", 0.5)

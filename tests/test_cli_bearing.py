@@ -20,6 +20,7 @@ from rangeeval.errors import RangeevalError
 from rangeeval.reporting.sections import compose
 from tests.pages import ROOT
 from tests.test_cli import one_line_error, rangeeval
+from tests.test_docs import _rows as documented
 
 SAMPLE = ROOT / "sample_logs" / "bearing"
 
@@ -164,3 +165,10 @@ def test_no_target_makes_a_report_too(trial: Path) -> None:
     found = package.bearing(package.open_trial(trial))
     text = str(compose([found]))
     assert "No source stood out of the noise" in text
+
+
+def test_quantities_are_documented(result: Any) -> None:
+    """Every quantity of the sample stands in the reference with its unit; the rest needs bins or block methods."""
+    given = {row.quantity: row.unit for row in result.rows}
+    written = {row[0]: row[1] for row in documented("quantities.md", "bearing")}
+    assert {q: u for q, u in written.items() if q not in {"bearing", "coherence"}} == given

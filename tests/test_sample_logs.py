@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 
 import rangeeval
-from rangeeval.scenarios import simulate_alpha_beta, simulate_attitude, simulate_imm
+from rangeeval.scenarios import simulate_alpha_beta, simulate_attitude, simulate_bearing, simulate_imm
 from tests import legacy
 
 SAMPLES = Path(__file__).resolve().parents[1] / "sample_logs"
@@ -33,6 +35,18 @@ def test_imm_is_made_again_byte_for_byte(tmp_path: Path) -> None:
     """`rangeeval simulate imm -o sample_logs/imm --seed 1` gives the same bytes."""
     simulate_imm(tmp_path, seed=1)
     assert _bytes(tmp_path) == _bytes(SAMPLES / "imm")
+
+
+def test_bearing_is_made_again(tmp_path: Path) -> None:
+    """`rangeeval simulate bearing -o sample_logs/bearing --seed 1` gives the same samples and texts; 300 kB at most."""
+    simulate_bearing(tmp_path, seed=1)
+    made, kept = _bytes(tmp_path), _bytes(SAMPLES / "bearing")
+    assert sum(map(len, kept.values())) < 300_000
+    assert made.keys() == kept.keys()
+    assert all(made[name] == kept[name] for name in made if not name.endswith(".h5"))
+    with h5py.File(tmp_path / "snapshots.h5") as one, h5py.File(SAMPLES / "bearing" / "snapshots.h5") as other:
+        for name in other:
+            np.testing.assert_allclose(one[name][()], other[name][()], rtol=1e-6, atol=1e-6)
 
 
 def test_legacy_is_made_again_byte_for_byte(tmp_path: Path) -> None:

@@ -44,7 +44,9 @@ ANALYSES: dict[str, Analysis] = {
     "rcs": Analysis("rangeeval.analyses.rcs:rcs", needs=("detections",), takes=("per_track",)),
     "attitude": Analysis("rangeeval.analyses.attitude:attitude", needs=("tilt",)),
     "bearing": Analysis("rangeeval.analyses.bearing:bearing", needs=("snapshots",)),
-    "replay": Analysis("rangeeval.analyses.replay:replay", needs=("plots",), takes=("per_track",), optional=True),
+    "replay": Analysis(
+        "rangeeval.analyses.replay:replay_for_report", needs=("plots",), takes=("per_track",), optional=True
+    ),
     "truth": Analysis("rangeeval.analyses.truth:truth", needs=("plots", "truth"), takes=("per_track",), optional=True),
 }
 

@@ -20,7 +20,7 @@ _SAME = 0.995  # of |a|^2: two bearings that look the same, -0.04 dB
 _TOLD = 0.9  # of |a|^2: the mirrored manifold fits no better than this, so that a mirrored recording shows
 _STUCK = 0.01  # share of samples at one extreme value that noise does not explain
 _BETTER = 0.5  # misfit of the mirrored data over that of the data as recorded: below, they are mirrored
-_GRID = 721
+_PER_BEAM, _LEAST, _MOST = 15, 181, 2881  # bearings searched: fine enough that a peak between them is above _SAME
 _ENDFIRE = math.radians(80.0)
 
 
@@ -80,7 +80,7 @@ def check_geometry(geometry: ArrayGeometry) -> Ambiguity:
     low, high = geometry.sector
     if geometry.linear:  # nearer to endfire the two ends of any half-wavelength line look alike
         low, high = max(low, -_ENDFIRE), min(high, _ENDFIRE)
-    grid = np.linspace(low, high, _GRID, endpoint=not geometry.full_circle)
+    grid = _grid(geometry, low, high)
     a = steering(geometry, grid)[0].reshape(geometry.bins, geometry.sensors, -1)
     norm = (np.abs(a) ** 2).sum(axis=1)
     heard = norm.mean(axis=0) > 1e-6 * norm.mean(axis=0).max()
@@ -107,12 +107,17 @@ def mirrored(geometry: ArrayGeometry, snapshots: Complex, sources: int) -> bool 
         return None
     e = covariance(snapshots)
     e = e if e.ndim == 3 else e[None]
-    low, high = geometry.sector
-    a = steering(geometry, np.linspace(low, high, _GRID))[0].reshape(geometry.bins, geometry.sensors, -1)
+    a = steering(geometry, _grid(geometry, *geometry.sector))[0].reshape(geometry.bins, geometry.sensors, -1)
     as_is, turned = _misfit(a, e, sources), _misfit(a, e.conj(), sources)
     if turned < _BETTER * as_is:
         return True
     return False if as_is < _BETTER * turned else None
+
+
+def _grid(geometry: ArrayGeometry, low: float, high: float) -> NDArray[np.float64]:
+    """Bearings between two, close enough for the array's beam."""
+    count = _PER_BEAM * (high - low) / beam_width(geometry, 0.5 * (low + high))
+    return np.linspace(low, high, int(min(max(count, _LEAST), _MOST)), endpoint=not geometry.full_circle)
 
 
 def _misfit(a: Complex, e: Complex, sources: int) -> float:

@@ -23,7 +23,7 @@ COASTED = 2  # the measurement was left out or weakened next to another target
 UNRESOLVED = 4  # nearer than a beam width to another target
 UNMODELLED = 8  # the guard says that a source is not modelled
 OUTSIDE = 16  # the bearing has left the array's sector
-FADED = 32  # the target's power is not above its error: the bearing is held by its prior
+FADED = 32  # the target's power is below the noise in its beam: its bearing is held by its past
 FLAG_NAMES: dict[int, str] = {
     MISSING: "missing",
     COASTED: "coasted",

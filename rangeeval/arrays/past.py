@@ -10,104 +10,147 @@ coasting: docs/explanation/bearing.md.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rangeeval.arrays.manifold import respond
 from rangeeval.arrays.small import cholesky, forward, solve
 from rangeeval.compiled import compiled
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 _BLIND = 1e-10  # of |d|^2: less of the derivative outside the subspace says nothing
 _FADE = 0.98  # smoothing of noise and power for soft coasting
 _RIDGE = 1e-4  # of a sensor's gain: keeps the bound finite where two predictions coincide
 
 
+class Scratch(NamedTuple):
+    """Room of one run, so that the loop over snapshots allocates nothing."""
+
+    response: Array  # (4, M): see `respond`
+    inner_real: Array  # (N, 3N): W^H [W A D], its last 2N columns then L^-1 W^H [A D] with L L^H = W^H W
+    inner_imag: Array
+    factor: Complex  # (N, N): L
+    seen_real: Array  # (N,): y = W^H x
+    seen_imag: Array
+    gain: Complex  # (N,)
+
+
 @compiled
-def past(basis, inverse, x, forgetting, error):  # type: ignore[no-untyped-def]
-    """Move the subspace basis (M, N) and the inverse correlation (N, N) by one snapshot; `error` gets x - W y."""
-    sensors, n = basis.shape
-    y, h = np.zeros(n, np.complex128), np.zeros(n, np.complex128)
+def scratch(targets, sensors):  # type: ignore[no-untyped-def]
+    """Room for so many targets and sensors."""
+    return Scratch(
+        np.empty((4, sensors)), np.empty((targets, 3 * targets)), np.empty((targets, 3 * targets)),
+        np.empty((targets, targets), np.complex128), np.empty(targets), np.empty(targets),
+        np.empty(targets, np.complex128),
+    )  # fmt: skip
+
+
+@compiled
+def past(real, imag, inverse, x, forgetting, room):  # type: ignore[no-untyped-def]
+    """Move the subspace basis W, columns 0 to N - 1 of real + j imag, and the inverse correlation by one snapshot."""
+    sensors, n = real.shape[0], inverse.shape[0]
+    seen_real, seen_imag, gain = room.seen_real, room.seen_imag, room.gain
+    for i in range(n):
+        seen_real[i], seen_imag[i] = 0.0, 0.0
     for m in range(sensors):
+        xr, xi = x[m].real, x[m].imag
         for i in range(n):
-            y[i] += basis[m, i].conjugate() * x[m]
+            seen_real[i] += real[m, i] * xr + imag[m, i] * xi
+            seen_imag[i] += real[m, i] * xi - imag[m, i] * xr
     scale = forgetting
     for i in range(n):
+        total = 0.0j
         for k in range(n):
-            h[i] += inverse[i, k] * y[k]
-        scale += (y[i].conjugate() * h[i]).real
+            total += inverse[i, k] * complex(seen_real[k], seen_imag[k])
+        gain[i] = total
+        scale += seen_real[i] * total.real + seen_imag[i] * total.imag
     for i in range(n):
-        inverse[i, i] = (inverse[i, i].real - (h[i].real ** 2 + h[i].imag ** 2) / scale) / forgetting
+        # Hermitian by construction: otherwise rounding grows at every step.
+        inverse[i, i] = (inverse[i, i].real - (gain[i].real ** 2 + gain[i].imag ** 2) / scale) / forgetting
         for k in range(i + 1, n):
-            inverse[i, k] = (inverse[i, k] - h[i] * h[k].conjugate() / scale) / forgetting
+            inverse[i, k] = (inverse[i, k] - gain[i] * gain[k].conjugate() / scale) / forgetting
             inverse[k, i] = inverse[i, k].conjugate()
     for i in range(n):
-        h[i] = h[i].conjugate() / scale
+        gain[i] = gain[i] / scale
     for m in range(sensors):
-        total = x[m]
+        er, ei = x[m].real, x[m].imag
         for i in range(n):
-            total -= basis[m, i] * y[i]
-        error[m] = total
+            er -= real[m, i] * seen_real[i] - imag[m, i] * seen_imag[i]
+            ei -= real[m, i] * seen_imag[i] + imag[m, i] * seen_real[i]
         for i in range(n):
-            basis[m, i] += total * h[i]
+            real[m, i] += er * gain[i].real + ei * gain[i].imag
+            imag[m, i] += ei * gain[i].real - er * gain[i].imag
 
 
 @compiled
-def innovations(array, f, basis, theta, response, inner, factor, top, bottom):  # type: ignore[no-untyped-def]
+def innovations(array, f, real, imag, theta, room, top, bottom):  # type: ignore[no-untyped-def]
     """Add one bin's Re(d^H Pn a) and d^H Pn d of every target to `top` and `bottom`; False for a lost basis.
 
-    `inner` (N, 2N) and `factor` (N, N) complex are scratch. The innovation is - top / bottom.
+    Puts A and D beside W, in columns N to 3N - 1 of real + j imag. The innovation is - top / bottom.
     """
-    sensors, n = basis.shape
+    sensors, n = real.shape[0], theta.size
+    inner_real, inner_imag, factor = room.inner_real, room.inner_imag, room.factor
+    for j in range(n):
+        respond(array, f, theta[j], room.response)
+        for m in range(sensors):
+            real[m, n + j], imag[m, n + j] = room.response[0, m], room.response[1, m]
+            real[m, 2 * n + j], imag[m, 2 * n + j] = room.response[2, m], room.response[3, m]
+    for i in range(n):  # W^H W is Hermitian: its upper half is enough
+        for c in range(i, 3 * n):
+            inner_real[i, c] = 0.0
+            inner_imag[i, c] = 0.0
+        for m in range(sensors):
+            wr, wi = real[m, i], imag[m, i]
+            for c in range(i, 3 * n):
+                inner_real[i, c] += wr * real[m, c] + wi * imag[m, c]
+                inner_imag[i, c] += wr * imag[m, c] - wi * real[m, c]
     for i in range(n):
         for k in range(i + 1):
-            total = 0.0j
-            for m in range(sensors):
-                total += basis[m, i].conjugate() * basis[m, k]
-            factor[i, k] = total
+            factor[i, k] = complex(inner_real[k, i], -inner_imag[k, i])
     if not cholesky(factor, n):
         return False
-    for j in range(n):
-        respond(array, f, theta[j], response)
-        for i in range(n):
-            inner[i, 2 * j] = 0.0
-            inner[i, 2 * j + 1] = 0.0
-        for m in range(sensors):
-            a, d = complex(response[0, m], response[1, m]), complex(response[2, m], response[3, m])
-            top[j] += d.real * a.real + d.imag * a.imag
-            bottom[j] += d.real * d.real + d.imag * d.imag
-            for i in range(n):
-                w = basis[m, i].conjugate()
-                inner[i, 2 * j] += w * a
-                inner[i, 2 * j + 1] += w * d
-    forward(factor, n, inner, 2 * n)
-    for j in range(n):
-        for i in range(n):
-            a, d = inner[i, 2 * j], inner[i, 2 * j + 1]
-            top[j] -= d.real * a.real + d.imag * a.imag
-            bottom[j] -= d.real * d.real + d.imag * d.imag
+    for m in range(sensors):
+        for j in range(n):
+            dr, di = real[m, 2 * n + j], imag[m, 2 * n + j]
+            top[j] += dr * real[m, n + j] + di * imag[m, n + j]
+            bottom[j] += dr * dr + di * di
+    for i in range(n):
+        for k in range(i):
+            lr, li = factor[i, k].real, factor[i, k].imag
+            for c in range(n, 3 * n):
+                inner_real[i, c] -= lr * inner_real[k, c] - li * inner_imag[k, c]
+                inner_imag[i, c] -= lr * inner_imag[k, c] + li * inner_real[k, c]
+        scale = factor[i, i].real
+        for c in range(n, 3 * n):
+            inner_real[i, c] *= scale
+            inner_imag[i, c] *= scale
+        for j in range(n):
+            dr, di = inner_real[i, 2 * n + j], inner_imag[i, 2 * n + j]
+            top[j] -= dr * inner_real[i, n + j] + di * inner_imag[i, n + j]
+            bottom[j] -= dr * dr + di * di
     return True
 
 
 @compiled
-def left_over(basis, x):  # type: ignore[no-untyped-def]
-    """|x|^2 outside the span of the basis."""
-    sensors, n = basis.shape
-    factor, y = np.empty((n, n), np.complex128), np.zeros((n, n), np.complex128)
+def left_over(real, imag, x, room):  # type: ignore[no-untyped-def]
+    """|x|^2 outside the span of the basis, whose factor is in `room`; spoils y there."""
+    sensors, n = real.shape[0], room.factor.shape[0]
     total = 0.0
     for m in range(sensors):
         total += x[m].real ** 2 + x[m].imag ** 2
-        for i in range(n):
-            y[i, 0] += basis[m, i].conjugate() * x[m]
     for i in range(n):
-        for k in range(i + 1):
-            product = 0.0j
-            for m in range(sensors):
-                product += basis[m, i].conjugate() * basis[m, k]
-            factor[i, k] = product
-    if cholesky(factor, n):
-        forward(factor, n, y, 1)
-        for i in range(n):
-            total -= y[i, 0].real ** 2 + y[i, 0].imag ** 2
+        y = 0.0j
+        for m in range(sensors):
+            y += complex(real[m, i], -imag[m, i]) * x[m]
+        for k in range(i):
+            y -= room.factor[i, k] * room.gain[k]
+        y *= room.factor[i, i].real
+        room.gain[i] = y
+        total -= y.real**2 + y.imag**2
     return max(total, 0.0)
 
 
@@ -153,7 +196,7 @@ def track_past(  # type: ignore[no-untyped-def]
     """Track one run, snapshot by snapshot.
 
     x (K, bins, M); usable (K,). theta, omega (N,): the state at the snapshot before the first, moved. basis
-    (bins, M, N): orthonormal, moved. `lagging` whether to compensate the window's age; `hard`, `soft`: 0 for none;
+    (bins, M, N): orthonormal. `lagging` whether to compensate the window's age; `hard`, `soft`: 0 for none;
     `power_known` 0 to estimate. Outputs: out (5, K, N) bearing, sigma, rate, its sigma, innovation; coasted (K, N).
     """
     bins, sensors = x.shape[1], x.shape[2]
@@ -162,13 +205,15 @@ def track_past(  # type: ignore[no-untyped-def]
     for i in range(n):
         cov[0, i], cov[2, i] = sigma_bearing * sigma_bearing, sigma_rate * sigma_rate
     inverse = np.zeros((bins, n, n), np.complex128)
+    real, imag = np.empty((bins, sensors, 3 * n)), np.empty((bins, sensors, 3 * n))
     for f in range(bins):
         for i in range(n):
             inverse[f, i, i] = 1.0
+            for m in range(sensors):
+                real[f, m, i], imag[f, m, i] = basis[f, m, i].real, basis[f, m, i].imag
     lag = forgetting / (1.0 - forgetting) if lagging else 0.0
     size = (1.0 + forgetting) / (1.0 - forgetting)
-    error, response = np.empty(sensors, np.complex128), np.empty((4, sensors))
-    inner, factor = np.empty((n, 2 * n), np.complex128), np.empty((n, n), np.complex128)
+    room = scratch(n, sensors)
     top, bottom, where, predicted = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     information, bound = np.empty((n, n)), np.empty((n, n))
     noise, level = np.zeros(bins), np.zeros(bins)
@@ -184,10 +229,10 @@ def track_past(  # type: ignore[no-untyped-def]
         sees = usable[k]
         if sees:
             for f in range(bins):
-                past(basis[f], inverse[f], x[k, f], forgetting, error)
-                sees = innovations(array, f, basis[f], where, response, inner, factor, top, bottom) and sees
+                past(real[f], imag[f], inverse[f], x[k, f], forgetting, room)
+                sees = innovations(array, f, real[f], imag[f], where, room, top, bottom) and sees
                 if soft > 0.0:
-                    rest = left_over(basis[f], x[k, f]) / (sensors - n)
+                    rest = left_over(real[f], imag[f], x[k, f], room) / (sensors - n)
                     total = 0.0
                     for m in range(sensors):
                         total += x[k, f, m].real ** 2 + x[k, f, m].imag ** 2

@@ -80,7 +80,8 @@ def music(geometry: ArrayGeometry, cov: Complex, sources: int, *, grid_rad: floa
     padded = np.concatenate([null[-1:], null, null[:1]]) if geometry.full_circle else np.pad(null, 1, "edge")
     dips = np.flatnonzero((padded[1:-1] < padded[:-2]) & (padded[1:-1] <= padded[2:]))
     best = dips[np.argsort(null[dips], kind="stable")[:sources]]
-    return np.sort(_refined(geometry, basis, grid[best], grid[1] - grid[0]))
+    found = _refined(geometry, basis, grid[best], grid[1] - grid[0])
+    return np.sort(np.mod(found - low, 2 * math.pi) + low if geometry.full_circle else found)
 
 
 def _refined(geometry: ArrayGeometry, basis: Complex, start: Array, reach: float) -> Array:

@@ -31,8 +31,6 @@ from rangeeval.arrays.starting import Start, start
 Array = NDArray[np.float64]
 Snapshots = NDArray[np.complex128]
 
-_FADED = 2.0  # times the error of a power that is not there
-
 
 @dataclass(frozen=True, eq=False)
 class _Job:
@@ -135,8 +133,8 @@ def _track_joint(job: _Job, options: JointOptions) -> Track:
             out[run], powers[run], noises[run], guards[run], counts[run],
         )  # fmt: skip
     power, noise = powers.mean(axis=2), noises.mean(axis=2)
-    spread = noise / job.geometry.sensors / math.sqrt(options.memory)
-    flags: Any = np.where(counts == 0, MISSING, 0)[..., None] | np.where(power < _FADED * spread[..., None], FADED, 0)
+    beam_noise = noise / job.geometry.sensors
+    flags: Any = np.where(counts == 0, MISSING, 0)[..., None] | np.where(power < beam_noise[..., None], FADED, 0)
     flags |= np.where(guards > options.guard_threshold, UNMODELLED, 0)[..., None]
     sample = options.block * np.arange(blocks) + 0.5 * (options.block - 1)
     return _assembled("joint-ml", job, sample, out, power, noise, guards, flags)

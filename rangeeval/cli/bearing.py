@@ -73,9 +73,9 @@ def bearing(
     show(one, result, form, output)
 
 
-def _number(targets: str | None) -> int | None:
+def _number(targets: str | None) -> int | str | None:
     if targets is None or targets == "auto":
-        return None
+        return targets
     if not targets.isdecimal() or int(targets) < 1:
         raise click.UsageError(f"--targets is '{targets}', expected a number from 1 on, or auto")
     return int(targets)

@@ -23,10 +23,17 @@ from rangeeval.cli.output import progress, show
 )
 @click.option(
     "--swerling",
-    type=click.Choice(["0", "1", "2", "3", "4", "auto"]),
+    type=click.Choice(["0", "1", "2", "3", "4", "free", "auto"]),
     default="auto",
     show_default=True,
-    help="Fluctuation of the target; `auto` compares the cases over the whole trial.",
+    help="Fluctuation of the target; `auto` compares the cases over the whole trial, `free` fits a shape to it.",
+)
+@click.option(
+    "--interval",
+    type=click.Choice(["profile", "bootstrap", "credible"]),
+    default="profile",
+    show_default=True,
+    help="Interval of the RCS: profile likelihood, parametric bootstrap, or Bayesian.",
 )
 @click.option(
     "--window", type=click.IntRange(1), metavar="N", help="Also the sliding estimate over N looks (csv, json)."
@@ -34,7 +41,7 @@ from rangeeval.cli.output import progress, show
 @click.option("--per-track", is_flag=True, help="Also rows for each target.")
 def rcs(
     trial: tuple[Path, ...], form: str | None, output: Path | None, confidence: float, method: str, swerling: str,
-    window: int | None, per_track: bool, **bins: Any,
+    interval: str, window: int | None, per_track: bool, **bins: Any,
 ) -> None:  # fmt: skip
     """Detection probability and mean RCS per bin, with missed detections counted.
 
@@ -51,6 +58,7 @@ def rcs(
             method=method,
             swerling=swerling,
             window=window,
+            interval=interval,
             per_track=per_track,
             progress=advance,
         )

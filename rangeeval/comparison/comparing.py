@@ -246,11 +246,11 @@ def _contrast(a: Estimate, b: Estimate, rule: Rule, confidence_a: float, confide
 
 
 def _sides(row: Estimate, confidence: float, nu: float, *, logarithmic: bool) -> Sides:
-    ends = [row.value, row.low, row.high]
+    value, low, high = row.value, row.low, row.high
     if logarithmic:
-        ends = [math.log(v) if v > 0 else -math.inf for v in ends]
+        value, low, high = (math.log(v) if v > 0 else -math.inf for v in (value, low, high))
     freedom = nu if nu > 0 else row.n_eff - 1.0
-    return Sides.of(*ends, confidence, max(freedom, 1.0) if math.isfinite(freedom) else math.inf)
+    return Sides.of(value, low, high, confidence, max(freedom, 1.0) if math.isfinite(freedom) else math.inf)
 
 
 def _number(value: Any) -> float:

@@ -27,10 +27,14 @@ class Rule:
 
 RULES = (
     # What is no property of the radar under trial: it grows with the log, or is itself a p value.
-    Rule(("log_likelihood", "aic*", "*_p", "updates", "rcs_sliding"), "difference"),
+    Rule(("log_likelihood*", "squared_error_difference", "aic*", "*_p", "updates", "rcs_sliding"), "difference"),
+    # Parts and rivals of a headline number.
+    Rule(("*_designation_error_rms", "*_small_angle_error_rms", "plot_rms", "ospa_*", "gospa_*"), "ratio", "smaller"),
+    Rule(("budget_*", "sensor_noise*", "bearing_bound*"), "ratio", "smaller"),
+    Rule(("nis_ratio", "coherence*"), "ratio"),
     # The headline numbers. y and z are elevation and azimuth again, in metres: not tested twice.
     Rule(("range_sigma", "elevation_sigma", "azimuth_sigma", "pair_error_sigma_?"), "ratio", "smaller", main=True),
-    Rule(("*_rms", "single_error_peak_?", "noise_amplification_?"), "ratio", "smaller", main=True),
+    Rule(("*_rms", "ospa", "gospa", "single_error_peak_?", "noise_amplification_?"), "ratio", "smaller", main=True),
     Rule(("*_residual_mean", "*_bias", "time_offset"), "difference", "nearer zero", main=True),
     Rule(("detection_probability",), "difference", "larger", main=True, share=True),
     Rule(("rcs", "dynamic_amplitude_?", "frequency_?", "nis_mean"), "ratio", main=True),

@@ -22,6 +22,7 @@ from rangeeval.errors import one_line
 from rangeeval.many.work import FAILED, Job, Outcome, perform
 
 ATTEMPTS = 3
+_READY = b"ready\n"  # what it says first; a trial's time counts from there
 IDLE_SECONDS = 60.0  # after which a process that nobody asks ends by itself
 
 
@@ -30,6 +31,7 @@ class Child:
 
     def __init__(self, environment: Mapping[str, str] | None = None) -> None:
         self._environment = {**os.environ, **(environment or {})}
+        self._ready = False
         self._process: subprocess.Popen[bytes] | None = None
         self._said: IO[bytes] = tempfile.TemporaryFile("ab+")  # noqa: SIM115  (lives as long as this object)
 
@@ -60,6 +62,8 @@ class Child:
         assert process is not None
         assert process.stdin is not None
         assert process.stdout is not None
+        if not self._ready:
+            self._ready = process.stdout.readline() == _READY
         late = threading.Event()
 
         def stop() -> None:
@@ -82,6 +86,7 @@ class Child:
     def _start(self) -> None:
         self._end()
         self._said.truncate(0)
+        self._ready = False
         self._process = subprocess.Popen(
             [sys.executable, "-c", "from rangeeval.many.child import main; main()"],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._said, env=self._environment,
@@ -126,6 +131,8 @@ def _ending(code: int) -> str:
 def main() -> None:
     """The child's side: a job a line on standard input, an outcome a line on standard output, till there is no more."""
     answers = os.fdopen(os.dup(1), "wb")
+    answers.write(_READY)
+    answers.flush()
     os.dup2(2, 1)  # what a library prints is no answer
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent to act on
     asked: queue.SimpleQueue[bytes] = queue.SimpleQueue()

@@ -17,12 +17,12 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from rangeeval.errors import MissingExtra, RangeevalError, one_line
-from rangeeval.many.child import Child
+from rangeeval.many.child import ATTEMPTS, Child
 from rangeeval.many.work import FAILED, Job, Outcome
 
 WAIT_SECONDS = 30.0  # for a scheduler to answer, and for its first worker
 _TAKEN = "its worker died each time it was tried, also with nothing else running"
-_LOSSES = 2  # workers a trial may take with it before dask gives it up (local ones; a cluster has its own setting)
+_LOSSES = 1  # lost workers after which dask gives a trial back to us (a cluster that is there has its own number)
 
 _OF_THREAD = threading.local()  # each thread of a worker keeps one child for all its trials
 
@@ -48,21 +48,31 @@ def local_client(workers: int) -> Iterator[Any]:
     distributed = _distributed()
     import dask
 
-    settings = {"distributed.scheduler.allowed-failures": _LOSSES}
     with (
-        dask.config.set(settings),
-        distributed.LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            host="127.0.0.1",
-            security=distributed.Security.temporary(),
-            dashboard_address=None,
-            memory_limit=0,  # the work is done in children, which dask does not count
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
+        dask.config.set({"distributed.scheduler.allowed-failures": _LOSSES}),
+        _local_cluster(distributed, workers) as cluster,
         distributed.Client(cluster) as client,
     ):
         yield client
+
+
+def _local_cluster(distributed: Any, workers: int) -> Any:
+    """Scheduler and workers. A worker that dies before it is up makes dask give up; then all are started again."""
+    for attempt in range(ATTEMPTS):
+        try:
+            return distributed.LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                host="127.0.0.1",
+                security=distributed.Security.temporary(),
+                dashboard_address=None,
+                memory_limit=0,  # the work is done in children, which dask does not count
+                silence_logs=logging.CRITICAL,
+            )
+        except (RuntimeError, OSError) as error:
+            if attempt == ATTEMPTS - 1:
+                raise ClusterLost(f"the workers could not be started ({one_line(error, 200)})") from error
+    raise AssertionError("unreachable")
 
 
 @contextlib.contextmanager
@@ -72,7 +82,8 @@ def cluster_client(address: str) -> Iterator[Any]:
     where = one_line(address, 100)
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
-        client = distributed.Client(address, timeout=WAIT_SECONDS, set_as_default=False)
+        _check_scheme(address)
+        client = distributed.Client(address, timeout=WAIT_SECONDS)
     except (OSError, ValueError, ImportError, RuntimeError) as error:
         raise ClusterLost(
             f"no dask scheduler at {where} ({one_line(error, 100)}); 'dask scheduler' starts one and says its address"
@@ -83,6 +94,14 @@ def cluster_client(address: str) -> Iterator[Any]:
         except TimeoutError:
             raise ClusterLost(f"the scheduler at {where} has no workers; 'dask worker {where}' starts one") from None
         yield client
+
+
+def _check_scheme(address: str) -> None:
+    """Raise ValueError for an address of an unknown kind, on which a client would leave threads behind."""
+    from distributed.comm import parse_address
+    from distributed.comm.registry import get_backend
+
+    get_backend(parse_address(address)[0])
 
 
 def _distributed() -> Any:

@@ -53,7 +53,7 @@ def true_paths(trial: Trial, max_gap_s: float | None = None) -> tuple[dict[str, 
     `max_gap_s`: points farther apart leave a gap; by default five usual intervals of the path, a second at least.
     Raises InputError when the truth is geodetic and trial.toml does not say where the site is.
     """
-    parts: dict[str, list[tuple[Floats, Floats]]] = {}
+    parts: dict[str, list[tuple[Floats, Floats, Floats]]] = {}
     problems: list[Problem] = []
     sources: dict[str, str] = {}
     for log in trial.of_kind("truth"):
@@ -66,15 +66,19 @@ def true_paths(trial: Trial, max_gap_s: float | None = None) -> tuple[dict[str, 
                 f"([site] latitude_deg, longitude_deg, height_m in trial.toml)"
             )
         time, codes = table.floats("time_s"), table.codes("target_id")
+        reported = position
+        if "north_m" not in log:
+            reported = np.stack([table.floats("latitude_deg"), table.floats("longitude_deg")], axis=-1)
         names = (*table.labels.get("target_id", ()), ONLY)
         for code in np.unique(codes).tolist():
             rows = codes == code
             name = names[code] if "target_id" in log else ONLY
-            parts.setdefault(name, []).append((time[rows], position[rows]))
+            parts.setdefault(name, []).append((time[rows], position[rows], reported[rows]))
             sources[name] = log.source
     paths: dict[str, TruePath] = {}
     for name, pieces in parts.items():
-        found = clean(np.concatenate([t for t, _ in pieces]), np.concatenate([p for _, p in pieces]))
+        when, where, said = (np.concatenate(c) for c in zip(*pieces, strict=True))
+        found = clean(when, where, trial.settings.truth.max_speed_m_s, reported=said)
         problems += _told(found, sources[name])
         if len(found.time_s) < 2:
             problems.append(Problem(sources[name], "a target with fewer than two usable positions has no path", 1))

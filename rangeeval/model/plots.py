@@ -88,6 +88,8 @@ def plots_of(trial: Trial, progress: Callable[[int], None] | None = None) -> Plo
     if not used:
         why = "; ".join(f"{p.reason} ({p.count})" for p in problems[:3]) or "it is empty"
         raise InputError(f"{source}: not one usable plot: {why}")
+    if len(logs) > 1:
+        problems.append(Problem(source, f"{len(logs)} plots logs, taken together as those of one radar"))
     if named and "" in parts:
         problems.append(Problem(source, "plots that name no target", sum(map(len, parts[""]))))
     targets = tuple(_joined(name, parts[name], source) for name in sorted(parts))

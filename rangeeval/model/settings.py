@@ -169,12 +169,13 @@ class TruthSettings:
 
     `max_gap_s`: points of the truth farther apart leave a gap (default: five of its usual intervals, a second at
     least). `gate_m`: how near a target whose name no path has must be to a path. `time_offset_s`: how much later than
-    the plots' clock the truth's is read.
+    the plots' clock the truth's is read. `max_speed_m_s`: a position that can't be reached below this speed is a jump.
     """
 
     max_gap_s: float | None = None
     gate_m: float | None = None
     time_offset_s: float = 0.0
+    max_speed_m_s: float = 2000.0
 
 
 @dataclass(frozen=True)

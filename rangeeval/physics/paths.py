@@ -26,20 +26,28 @@ class Cleaned:
     jumps: int
 
 
-def clean(time_s: ArrayLike, position_m: ArrayLike, max_speed_m_s: float = MAX_SPEED_M_S) -> Cleaned:
+def clean(
+    time_s: ArrayLike,
+    position_m: ArrayLike,
+    max_speed_m_s: float = MAX_SPEED_M_S,
+    *,
+    reported: ArrayLike | None = None,
+) -> Cleaned:
     """Points (n), (n, d) that can be interpolated: finite, in order, no time twice, no stale position, no jump.
 
     Stale: a position repeated to the last digit by a receiver that had no new one, while the target moves. A jump: a
-    point that cannot be reached from either neighbour below `max_speed_m_s`.
+    point that cannot be reached from either neighbour below `max_speed_m_s`. `reported` (n, k): what a receiver repeats
+    when it has nothing new, where that is not the position itself (latitude and longitude; height comes apart).
     """
     time, position = np.asarray(time_s, dtype=np.float64), np.asarray(position_m, dtype=np.float64)
+    key = position if reported is None else np.asarray(reported, dtype=np.float64)
     good = np.isfinite(time) & np.isfinite(position).all(axis=-1)
     missing = int(np.count_nonzero(~good))
     time, first = np.unique(time[good], return_index=True)
-    position = position[good]
+    position, key = position[good], key[good]
     repeated = len(position) - len(time)
-    position = position[first]
-    fresh = ~_stale(time, position)
+    position, key = position[first], key[first]
+    fresh = ~_stale(time, key)
     stale = int(np.count_nonzero(~fresh))
     time, position = time[fresh], position[fresh]
     near = ~_jumps(time, position, max_speed_m_s)

@@ -203,7 +203,10 @@ def _draw_panel(
     for y, label in zip(grid_y, y_ticks[1], strict=False):
         canvas.text(plot_left - 3, y + _SMALL * 0.36, label, _SMALL, "end", colour=style.MUTED)
     for x, label in zip(grid_x, x_ticks[1], strict=False):
-        canvas.text(x, plot_bottom + 8.2, label, _SMALL, "middle", colour=style.MUTED)
+        inside = min(
+            x, right + 2.0 - canvas.width(label, _SMALL) / 2
+        )  # a label at the frame's end stays on the picture
+        canvas.text(inside, plot_bottom + 8.2, label, _SMALL, "middle", colour=style.MUTED)
     middle = (plot_left + plot_right) / 2
     if panel.title:
         room = right - plot_left - 2

@@ -170,7 +170,7 @@ def _with(options: PastOptions | JointOptions) -> Tracker:
 
 
 def music_and_filter(
-    geometry: ArrayGeometry, x: Snapshots, bearing: Array, rate: Array, *, block: int = 20, sigma: float = 0.005
+    geometry: ArrayGeometry, x: Snapshots, bearing: Array, rate: Array, *, block: int = 20, sigma: float = 0.012
 ) -> Array:
     """What one would do without these methods: MUSIC per block, nearest targets, a Kalman filter each."""
     n = bearing.size
@@ -188,7 +188,7 @@ def music_and_filter(
         off = bearing_difference(measured[:, None], state[0][None, :])
         for row, column_ in zip(*linear_sum_assignment(np.abs(off)), strict=True):
             s = cov[0, 0, column_] + sigma**2
-            if off[row, column_] ** 2 > 16.0 * s:  # no plot of this target
+            if off[row, column_] ** 2 > 4.0 * s:  # no bearing of this target
                 continue
             gain = cov[:, 0, column_] / s
             state[:, column_] += gain * off[row, column_]

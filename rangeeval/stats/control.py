@@ -29,13 +29,14 @@ from rangeeval.stats.intervals import FloatArray
 LEAST_POINTS = 5  # fewer say nothing about their scatter
 SHORTEST = 3  # points on either side of a step; fewer are single points off, which the limits show
 SMOOTHING = 0.2  # weight of the newest point in the EWMA
-CUT = 2.5  # standard deviations that a point counts in it at most: one trial out of line is no drift
+CUT = 2.5  # standard deviations that a point counts at most in levels, steps and the EWMA
 
 # Of a chi-square with one degree of freedom cut off at 1: the mean, and the variance of each term of a sum of those of
 # successive differences, which correlate.
 _MEAN_OF_CUT = 0.5160
 _VARIANCE_OF_CUT = 0.21
 _HALVINGS = 26
+_UPPER = 1.5  # standard errors to the upper bound at which limits are simulated too
 
 _RUNS = 2_000
 _TAIL_RUNS = 20  # at least so many simulated series lie beyond a limit
@@ -67,9 +68,17 @@ def between_variance(y: FloatArray, v: FloatArray, breaks: tuple[int, ...] = (),
 
 
 def pooled_mean(y: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The weighted mean (...,) and its variance."""
+    """The weighted mean (...,) of the points, cut to `CUT` standard deviations about their median, and its variance."""
     total = weight.sum(-1)
-    return (weight * y).sum(-1) / total, 1 / total
+    return (weight * _cut(y, weight)).sum(-1) / total, 1 / total
+
+
+def _cut(y: FloatArray, weight: FloatArray) -> FloatArray:
+    """Points far off moved in: one trial out of line neither makes a step nor moves the level of the others much."""
+    centre = np.median(y, axis=-1, keepdims=True)
+    reach = CUT / np.sqrt(weight)
+    cut: FloatArray = centre + np.clip(y - centre, -reach, reach)
+    return cut
 
 
 @dataclass(frozen=True)
@@ -129,7 +138,7 @@ def judge_series(y: FloatArray, v: FloatArray, alpha: float = 0.05, seed: int = 
     level, sigma, deviation, smoothed = (a[0] for a in _deviations(y[None], v, breaks))
     limit, smoothed_limit = _highest(
         lambda simulated: np.stack([np.abs(a).max(-1) for a in _deviations(simulated, v, breaks)[2:]], -1),
-        (tau2 + v, float(between_variance(y, v, breaks, sigmas=1.0)) + v), alpha, rng,
+        (tau2 + v, float(between_variance(y, v, breaks, sigmas=_UPPER)) + v), alpha, rng,
     )[1]  # fmt: skip
     segments = []
     for start, stop in zip((0, *breaks), (*breaks, len(y)), strict=True):
@@ -183,7 +192,7 @@ def _split(
     tau2 = between_variance(part, own)
     clearest = _clearest(part[None], own)
     statistic = float(clearest.max())
-    variances = (tau2 + own, between_variance(part, own, sigmas=1.0) + own)
+    variances = (tau2 + own, between_variance(part, own, sigmas=_UPPER) + own)
     simulated, (limit,) = _highest(
         lambda series: _clearest(series, own).max(-1)[:, None], variances, alpha, rng
     )  # fmt: skip
@@ -199,7 +208,7 @@ def _split(
 def _clearest(y: FloatArray, v: FloatArray) -> FloatArray:
     """How clear a step before each point from `SHORTEST` on would be, in its standard deviations: (runs, places)."""
     weight = _weight(between_variance(y, v), v)
-    left, left_sum = np.cumsum(weight, -1), np.cumsum(weight * y, -1)
+    left, left_sum = np.cumsum(weight, -1), np.cumsum(weight * _cut(y, weight), -1)
     total, total_sum = left[..., -1:], left_sum[..., -1:]
     place = slice(SHORTEST - 1, y.shape[-1] - SHORTEST)
     left, left_sum = left[..., place], left_sum[..., place]

@@ -154,6 +154,9 @@ def test_targets_are_counted_when_not_given() -> None:
     assert (result.settings["targets"], result.settings["targets_given"]) == (2, False)
     assert value(result, "bearing_rms").value < math.radians(0.5)
     assert value(result, "sources_mdl").value == 2
+    told = trial_of(received(ARC, truth), ARC, truth, start_bearing_deg=(-25.0, 0.0, 35.0))
+    assert rangeeval.bearing(told).settings["targets"] == 3
+    assert rangeeval.bearing(told, targets="auto").settings["targets"] == 2
 
 
 @pytest.mark.slow
@@ -194,6 +197,15 @@ def test_tracks_come_as_a_table() -> None:
     ]  # fmt: skip
     assert len(table) == 40
     assert table.groupby("target_id").bearing_deg.mean().round(0).tolist() == [-25.0, 35.0]
+
+
+def test_plain_tables_will_do() -> None:
+    """Samples and times as arrays, and what is known of the array beside them."""
+    truth = np.full((200, 1), 17.0)
+    array = SensorArray(tuple(LINE), SPEED / WAVELENGTH, SPEED, targets=1)
+    table = {"time_s": np.arange(200) * 0.1, "samples": received(LINE, truth)}
+    tracks, _ = rangeeval.bearing_tracks(table, array=array)
+    assert tracks.bearing_deg.iloc[-1] == pytest.approx(17.0, abs=0.5)
 
 
 def test_compass_bearings() -> None:
@@ -450,6 +462,7 @@ def test_a_span_without_snapshots_is_one_line() -> None:
         ({"method": "muzic"}, "did you mean 'music'"),
         ({"coasting": "firm"}, "coasting 'firm' is not known"),
         ({"targets": 0}, "targets is 0"),
+        ({"targets": "some"}, "targets is some"),
         ({"block": 0}, "block is 0"),
         ({"confidence": 1.0}, "confidence is 1"),
         ({"acceleration_rad_s2": -1.0}, "expected 0 or more"),

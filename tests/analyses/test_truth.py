@@ -171,6 +171,16 @@ def test_a_jump_of_100_km_is_flagged_and_does_not_move_the_offset():
     assert whole(result, "time_offset").value == pytest.approx(0.5, abs=0.02)
 
 
+def test_a_truth_that_jumps_is_cleaned_and_counted():
+    """A survey point 3 km off: left out at 400 m/s, believed at the default of 2000 m/s over 2 s."""
+    plots, true = made()
+    true = {n: np.asarray(c)[::2] for n, c in true.items()}
+    true["north_m"][100] += 3000.0
+    row = whole(truth(trial_of(plots, true, {"truth": {"max_speed_m_s": 400.0}}), BINS), "range_sigma")
+    assert row.value == pytest.approx(10.0, rel=0.1)
+    assert whole(truth(trial_of(plots, true), BINS), "range_sigma").value > 30.0
+
+
 def test_plots_without_truth_are_counted():
     """A gap of 40 s and the ends of the truth."""
     plots, true = made()

@@ -296,6 +296,8 @@ def test_any_form_of_a_trial_gives_the_same_comparison(tmp_path):
     folders = [tmp_path / name for name in "ab"]
     for seed, folder in enumerate(folders):
         simulate_alpha_beta(folder, seed=seed, flights=1, no_truth=True, name=folder.name)
+        toml = folder / "trial.toml"
+        toml.write_text(toml.read_text().split("[[requirements]]")[0])  # each would be a pass over the log
     trials = [rangeeval.open_trial(folder) for folder in folders]
     expected = json.loads(rangeeval.compare(*folders).to_json())["estimates"]
     archives = [flow.ingest(trial, tmp_path / f"{trial.name}.h5") for trial in trials]
@@ -304,7 +306,7 @@ def test_any_form_of_a_trial_gives_the_same_comparison(tmp_path):
     for i, found in enumerate(results):
         saved.append(tmp_path / f"{i}.json")
         saved[-1].write_text(flow.results_json(found))
-    for forms in (trials, archives, results, saved, (archives[0], saved[1])):
+    for forms in (archives, results, (trials[0], saved[1])):
         assert json.loads(rangeeval.compare(*forms).to_json())["estimates"] == expected
 
     def plan_of(trial):

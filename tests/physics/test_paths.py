@@ -65,3 +65,14 @@ def test_a_target_that_stands_still_is_not_stale():
     time = np.arange(100.0)
     position = np.stack([np.clip(time - 80, 0, None) * 10, 0 * time], -1)
     assert clean(time, position).stale == 0
+
+
+def test_a_receiver_repeats_latitude_and_longitude_while_height_goes_on():
+    """What it reported decides what is stale, not the position made of it."""
+    time = np.arange(10.0)
+    position = np.stack([100.0 * time, 5.0 * time], -1)
+    reported = position[:, :1].copy()
+    reported[4] = reported[3]
+    position[4, 0] = position[3, 0]
+    assert clean(time, position).stale == 0
+    assert clean(time, position, reported=reported).time_s.tolist() == [0, 1, 2, 3, 5, 6, 7, 8, 9]

@@ -19,7 +19,7 @@ from rangeeval.analyses.bearing.truth import Judged, gather_truth, judge
 from rangeeval.arrays.health import Ambiguity, check_geometry, mirrored
 from rangeeval.arrays.options import flag_words
 from rangeeval.errors import SettingsError, did_you_mean
-from rangeeval.model import Bins, Estimate, Problem, Result, Trial, as_trial
+from rangeeval.model import Bins, Estimate, Problem, Result, SensorArray, Trial, as_trial
 
 ALL = (-math.inf, math.inf)
 _LOOKED_AT = 2000  # snapshots in which a mirrored recording is looked for
@@ -31,12 +31,13 @@ def bearing(
     *,
     confidence: float = 0.95,
     method: str = "joint-ml",
-    targets: int | None = None,
+    targets: int | str | None = None,
     block: int | None = None,
     acceleration_rad_s2: float | None = None,
     lag_compensation: bool = False,
     coasting: str = "none",
     span_s: tuple[float, float] = ALL,
+    array: SensorArray | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Result:
     """Bearings of several targets over time, with their errors, from the snapshots of one array.
@@ -51,11 +52,12 @@ def bearing(
     confidence : of the intervals.
     method : `joint-ml` maximum likelihood of all bearings at once; `ryu` (a line) and `modified` (any array) the source
         papers' subspace trackers; `music`, `root-music`, `esprit` blocks by themselves.
-    targets : how many; the trial's own number, or what MDL finds in the first blocks, when None.
+    targets : how many; `auto`: what MDL finds in the first blocks; None: the trial's own number, else as `auto`.
     block : snapshots a step (`joint-ml`), or a block.
     acceleration_rad_s2 : sigma of the acceleration of a bearing that the filter is to expect.
     lag_compensation, coasting : of `ryu` and `modified`; coasting `none`, `hard` or `soft`.
     span_s : first and last time that is used.
+    array : what is known of the array, over what the log and the trial's settings say of it.
     progress : called with the number of snapshots read.
 
     Raises
@@ -68,7 +70,7 @@ def bearing(
     Ryu et al. (2002) and its extension to cylindrical arrays, as corrected in docs/explanation/bearing.md.
     """
     how = _checked(method, targets, block, acceleration_rad_s2, lag_compensation, coasting, confidence)
-    found = _look(as_trial(trial), how, span_s, confidence, progress)
+    found = _look(_with(as_trial(trial), array), how, span_s, confidence, progress)
     rows: list[Estimate] = []
     water, counted = waterfall(found.recording), counts(found.recording)
     series: dict[str, Any] = {}
@@ -96,6 +98,7 @@ def bearing_tracks(
     *,
     confidence: float = 0.95,
     span_s: tuple[float, float] = ALL,
+    array: SensorArray | None = None,
     progress: Callable[[int], None] | None = None,
     **how: Any,
 ) -> tuple[Any, tuple[Problem, ...]]:
@@ -110,7 +113,9 @@ def bearing_tracks(
         "method": "joint-ml", "targets": None, "block": None, "acceleration_rad_s2": None,
         "lag_compensation": False, "coasting": "none",
     }  # fmt: skip
-    found = _look(as_trial(trial), _checked(**(options | how), confidence=confidence), span_s, confidence, progress)
+    found = _look(
+        _with(as_trial(trial), array), _checked(**(options | how), confidence=confidence), span_s, confidence, progress
+    )
     tracked, frame = found.tracked, found.frame
     columns: dict[str, list[Any]] = {}
     if tracked is not None:
@@ -133,22 +138,31 @@ def bearing_tracks(
 
 
 def _checked(
-    method: str, targets: int | None, block: int | None, acceleration_rad_s2: float | None, lag_compensation: bool,
-    coasting: str, confidence: float,
+    method: str, targets: int | str | None, block: int | None, acceleration_rad_s2: float | None,
+    lag_compensation: bool, coasting: str, confidence: float,
 ) -> How:  # fmt: skip
     for value, known, word in ((method, METHODS, "method"), (coasting, COASTING, "coasting")):
         if value not in known:
             raise SettingsError(f"{word} '{value}' is not known; {did_you_mean(value, known)}")
     if not 0.0 < confidence < 1.0:
         raise SettingsError(f"confidence is {confidence:g}, expected more than 0 and less than 1")
-    for name, number in (("targets", targets), ("block", block)):
-        if number is not None and number < 1:
+    counted = targets == "auto"
+    wanted = None if counted else targets
+    for name, number in (("targets", wanted), ("block", block)):
+        if isinstance(number, str) or (number is not None and number < 1):
             raise SettingsError(f"{name} is {number}, expected 1 or more")
+    assert not isinstance(wanted, str)
     if acceleration_rad_s2 is not None and not acceleration_rad_s2 >= 0:
         raise SettingsError(f"acceleration_rad_s2 is {acceleration_rad_s2:g}, expected 0 or more")
     if method not in ("ryu", "modified") and (lag_compensation or coasting != "none"):
         raise SettingsError(f"lag_compensation and coasting belong to the methods ryu and modified, not to {method}")
-    return How(method, targets, block, acceleration_rad_s2, lag_compensation, coasting)
+    return How(method, wanted, counted, block, acceleration_rad_s2, lag_compensation, coasting)
+
+
+def _with(trial: Trial, array: SensorArray | None) -> Trial:
+    if array is None:
+        return trial
+    return replace(trial, settings=replace(trial.settings, array=array.over(trial.settings.array)))
 
 
 @dataclass(frozen=True)
@@ -230,7 +244,7 @@ def _settings(found: _Found, how: How, confidence: float) -> dict[str, Any]:
     return {
         "method": how.method,
         "targets": used.targets,
-        "targets_given": bool(how.targets or array.targets or array.start_bearing_deg),
+        "targets_given": not how.counted and bool(how.targets or array.targets or array.start_bearing_deg),
         "block": used.block,
         "lag_compensation": how.lag_compensation,
         "coasting": how.coasting,

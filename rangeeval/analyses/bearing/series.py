@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rangeeval.analyses.bearing.blocks import Counts, Spectrum, Waterfall
-from rangeeval.analyses.bearing.frame import Frame
+from rangeeval.analyses.bearing.frame import Frame, wrapped
 from rangeeval.analyses.bearing.recording import Recording
 from rangeeval.analyses.bearing.tracking import Tracked
 from rangeeval.analyses.bearing.truth import Judged
@@ -38,8 +38,7 @@ def track_series(
             "heard": (1.0 * ((tracked.bits[kept, n] & (arrays.MISSING | arrays.FADED)) == 0)).tolist(),
         }
         if judged is not None:
-            rows = np.clip(np.rint(tracked.sample[kept]).astype(int), 0, len(judged.truth_rad) - 1)
-            series["truth_rad"] = frame.shown(judged.truth_rad[rows, n]).tolist()
+            series["truth_rad"] = frame.shown(_between(judged.truth_rad[:, n], tracked.sample[kept])).tolist()
         found[f"bearing/{name}"] = series
     if np.isfinite(tracked.guard).any():
         found["guard"] = {"time_s": time.tolist(), "eigenvalue": tracked.guard[kept].tolist()}
@@ -95,6 +94,13 @@ def _turned(edges: Floats, level: Floats, frame: Frame) -> tuple[Floats, Floats]
     # A sector that does not wrap stays in its place; one that does is shown past north.
     start = middles[0] if frame.sense > 0 else middles[-1]
     return start - step / 2 + step * np.arange(len(edges)), level if frame.sense > 0 else level[:, ::-1]
+
+
+def _between(angle: Floats, place: Floats) -> Floats:
+    """Angles at fractional places, on the shorter way between neighbours."""
+    before = np.clip(np.floor(place).astype(np.intp), 0, len(angle) - 1)
+    after = np.minimum(before + 1, len(angle) - 1)
+    return np.asarray(angle[before] + (place - before) * wrapped(angle[after] - angle[before]))
 
 
 def _kept(count: int) -> NDArray[np.intp]:

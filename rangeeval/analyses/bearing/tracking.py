@@ -40,12 +40,14 @@ _REMEMBERED = 8  # blocks through which a straight line says where a target is e
 class How:
     """How to track: the method and its options; what is None is chosen from the recording.
 
+    `counted`: the number of targets is to be found, whatever the trial says.
     `block`: snapshots a step of `joint-ml`, or of a block method. `acceleration_rad_s2`: sigma of the acceleration of
     a bearing that the filter expects.
     """
 
     method: str = "joint-ml"
     targets: int | None = None
+    counted: bool = False
     block: int | None = None
     acceleration_rad_s2: float | None = None
     lag_compensation: bool = False
@@ -112,7 +114,7 @@ def follow(recording: Recording, how: How) -> Tracked | None:
     Raises InputError for a method the array cannot serve, or more targets than it can tell apart.
     """
     given = recording.array.start_bearing_deg
-    wanted = how.targets or recording.array.targets or len(given) or None
+    wanted = None if how.counted else how.targets or recording.array.targets or len(given) or None
     if wanted is not None and recording.geometry.sensors < wanted + 1:
         raise InputError(
             f"{recording.where}: {wanted} targets need {wanted + 1} sensors, and {recording.geometry.sensors} gave a "

@@ -187,9 +187,11 @@ def gather_looks(trial: Trial, progress: Callable[[int], None] | None = None) ->
     z, kind = _amplitudes(table, trial, seen, pulses, scale, threshold, judge)
     keep = judge.left
     if not keep.any():
-        raise InputError(f"{log.source}: not one usable look among {len(table)}" + "".join(
-            f"; {p.reason} ({p.count})" for p in judge.problems[:3]
-        ))  # fmt: skip
+        reasons = "".join(
+            f"; {p.reason} ({p.count})" + (f", such as {p.examples[0]}" if p.examples else "")
+            for p in (*table.problems, *judge.problems)[:3]
+        )
+        raise InputError(f"{log.source}: not one usable look{reasons}")
     looks = Looks(
         kind[keep], z[keep], threshold[keep], alpha[keep], pulses[keep].astype(np.int64), float(own.gate_cells)
     )

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from rangeeval.model import Bins, Estimate
 from rangeeval.stats.proportions import exact_interval, wilson_interval
-from rangeeval.stats.swerling import CASES, MISS, Case, Looks, Windows
+from rangeeval.stats.swerling import MISS, Case, Looks, Windows
 from rangeeval.stats.swerling.detection import detection_probability, information, snr_for
 from rangeeval.stats.swerling.fitness import Choice, Measures, PValues, lag_one
+from rangeeval.stats.swerling.intervals import bootstrap_interval, credible_interval
 from rangeeval.stats.swerling.likelihood import Fit, fit, log_likelihood, profile_interval
 from rangeeval.stats.swerling.paper import METHODS, iterate, median_rule
 
@@ -26,11 +27,14 @@ PERCENTS = (50, 80, 90)
 
 @dataclass(frozen=True)
 class Method:
-    """How to estimate: the method, the cases, the confidence."""
+    """How to estimate: the method, the cases, the confidence, and what intervals are (with replicates and seed)."""
 
     name: str
     cases: tuple[Case, ...]
     confidence: float
+    interval: str = "profile"
+    replicates: int = 0
+    seed: int = 1
 
 
 @dataclass(frozen=True)
@@ -51,13 +55,27 @@ def fit_case(looks: Looks, windows: Windows, case: Case, method: Method) -> Case
         s = median_rule(looks, windows)[windows.last - 1]
         value, _, _ = log_likelihood(looks, windows, case, s)
         return CaseFit(s, value, np.full(len(s), np.nan), np.full(len(s), np.nan), best)
-    low, high = profile_interval(looks, windows, case, best, method.confidence)
+    low, high = _interval(looks, windows, case, best, method)
     if method.name in METHODS:
         s, _, _ = iterate(looks, windows, case, method.name)
         inside = (s > 0) & np.isfinite(s)
         value, _, _ = log_likelihood(looks, windows, case, np.where(inside, s, 1.0))
         return CaseFit(s, np.where(inside, value, best.value), low, high, best)
     return CaseFit(best.s, best.value, low, high, best)
+
+
+def _interval(looks: Looks, windows: Windows, case: Case, best: Fit, method: Method) -> tuple[Floats, Floats]:
+    """The interval asked for where there is an estimate; else the exact limit."""
+    low, high = profile_interval(looks, windows, case, best, method.confidence)
+    if method.interval == "profile":
+        return low, high
+    if method.interval == "credible":
+        ends = credible_interval(looks, windows, case, method.confidence)[::2]
+    else:
+        rng = np.random.default_rng(method.seed)
+        ends = bootstrap_interval(looks, windows, case, best.s, method.replicates, rng, method.confidence)
+    inside = (best.s > 0) & np.isfinite(best.s)
+    return np.where(inside, ends[0], low), np.where(inside, ends[1], high)
 
 
 @dataclass(frozen=True)
@@ -121,19 +139,20 @@ def rcs_row(window: Window, s: float, ends: tuple[float, float], group: str | No
 
 
 def window_rows(
-    window: Window, method: Method, chosen: str, among: tuple[str, ...], model_s: Floats
+    window: Window, method: Method, chosen: Case, among: tuple[str, ...], model_s: Floats
 ) -> Iterator[Estimate]:
     """All rows of one window: pooled first, then each case. `model_s`: the trial's mean RCS with its ends."""
     n, k = len(window.looks), window.hits
+    fitted = 2 if chosen.free else 1
     few = ("few-samples",) if "few-samples" in window.flags else ()
     share = k / n if n else math.nan
     low, high = (float(v) for v in wilson_interval(k, n, method.confidence))
     yield window.row("detection_probability", "1", share, (low, high), flags=few)
     low, high = (float(v) for v in exact_interval(k, n, method.confidence))
     yield window.row("detection_probability_exact", "1", share, (low, high), flags=few)
-    model = [mean_detection(window.looks, CASES[chosen], float(s)) for s in model_s]
+    model = [mean_detection(window.looks, chosen, float(s)) for s in model_s]
     yield window.row("detection_probability_model", "1", model[0], (model[1], model[2]), flags=())
-    s, low, high, value = window.fits[chosen]
+    s, low, high, value = window.fits[chosen.name]
     more: tuple[str, ...] = ()
     if len(among) > 1:  # the interval holds those of all cases that the looks do not tell apart
         more = ("case-not-distinguishable",)
@@ -141,10 +160,10 @@ def window_rows(
         high = max(window.fits[c][2] for c in among)
     yield rcs_row(window, s, (low, high), None, more)
     if 0 < s < math.inf:
-        told = information(window.looks, CASES[chosen], s)
+        told = information(window.looks, chosen, s)
         yield window.row("rcs_cramer_rao_sigma", "m^2", s / math.sqrt(told) if told > 0 else math.nan, flags=())
     yield window.row("log_likelihood", "1", value, flags=())
-    yield window.row("aic", "1", 2.0 - 2.0 * value, flags=())
+    yield window.row("aic", "1", 2.0 * fitted - 2.0 * value, flags=())
     for name, p in window.tests.items():
         yield window.row(name, "1", p, flags=())
     rho, pairs = window.correlation
@@ -155,7 +174,7 @@ def window_rows(
         s, low, high, value = window.fits[case.name]
         yield rcs_row(window, s, (low, high), case.name, ())
         yield window.row("log_likelihood", "1", value, group=case.name, flags=())
-        yield window.row("aic", "1", 2.0 - 2.0 * value, group=case.name, flags=())
+        yield window.row("aic", "1", 2.0 * fitted - 2.0 * value, group=case.name, flags=())
 
 
 def window_flags(looks: Looks, bins: Bins, p: Mapping[str, float], correlation: tuple[float, int]) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ Columns = Mapping[str, list[float]]
 
 POINTS = 1500
 CURVE = 120
-MODELLED = 400
+MODELLED = 200
 
 
 def sliding_series(time_s: Floats, s: Floats, low: Floats, high: Floats, hits: NDArray[np.int64]) -> Columns:

@@ -34,7 +34,10 @@ from rangeeval.tracking.runs import Flag, Run, run_many, smooth
 
 Floats = NDArray[np.float64]
 
-__all__ = ["Replayed", "replay", "run_replay"]
+__all__ = ["Replayed", "replay", "replay_for_report", "run_replay"]
+
+MOST_PLOTS = 2_000_000  # a kilobyte each while the filter's covariances are kept
+COMPARED = 10_000  # plots up to which a report compares filters unasked: a second or so
 
 
 @dataclass(frozen=True)
@@ -86,6 +89,11 @@ def run_replay(
     name = filter or trial.settings.replay.filter or DEFAULT
     gathered = gather_tracks(trial, association, progress)
     spec = filter_of(name, trial, gathered.interval_s)
+    if gathered.counts["used"] > MOST_PLOTS:
+        raise InputError(
+            f"{gathered.log.source}: {gathered.counts['used']:,} plots are more than a replay holds in memory "
+            f"({MOST_PLOTS:,}); give it the log in parts"
+        )
     if not gathered.tracks:
         raise InputError(
             f"{gathered.log.source}: no track can be formed from {gathered.counts['used']} plots by "
@@ -156,9 +164,7 @@ def replay(
     for place in places(u, bins, names, per_track=per_track):
         rows += _place_rows(u, place, bins, confidence, gathered, against)
     if against is not None and paths:
-        view = scene(gathered, runs, paths)
-        if view is not None:
-            rows += set_rows(view, list(paths), bins, trial.settings.replay, confidence)
+        rows += set_rows(scene(gathered, runs, paths), list(paths), bins, trial.settings.replay, confidence)
     if compare:
         chosen = [n for n in (MAIN if compare is True else compare) if n != done.name]
         rows += _compared(done, chosen, u, bins, confidence, paths, against)
@@ -192,6 +198,20 @@ def replay(
         problems=gather(problems),
         series=series_of(gathered, runs, _split(against.true, runs) if against is not None else None),
     )
+
+
+def replay_for_report(
+    trial: Trial,
+    bins: Bins | None = None,
+    *,
+    confidence: float = 0.95,
+    per_track: bool = False,
+    progress: Callable[[int], None] | None = None,
+) -> Result:
+    """What a report shows of replay: the trial's filter, and for all but long logs the others beside it."""
+    done = run_replay(trial, confidence=confidence, progress=progress)
+    short = done.gathered.counts["used"] <= COMPARED
+    return replay(trial, bins, compare=short, confidence=confidence, per_track=per_track, replayed=done)
 
 
 def compare_with(

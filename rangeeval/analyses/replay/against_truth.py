@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,6 @@ from rangeeval.stats.track_quality import (
     ospa,
     purity,
 )
-from rangeeval.tracking.association import revisit_time
 from rangeeval.tracking.runs import Flag, Run
 
 Floats = NDArray[np.float64]
@@ -39,6 +38,7 @@ Ints = NDArray[np.int64]
 
 AXES = (("x", "east"), ("y", "north"), ("z", "up"))
 SCANS = 2000  # times at most at which sets of tracks and truths are compared
+PAIRS = 2_000_000  # of a track and a truth at one time, at most
 ORDER = 2.0  # of OSPA and GOSPA
 FLOOR_SHARE = 0.1  # of the OSPA cutoff: the truth's own error, and the filter's when it has no covariance
 
@@ -160,20 +160,15 @@ class Scene:
     truths: Floats
 
 
-def scene(gathered: Gathered, runs: Sequence[Run], paths: Mapping[str, TruePath]) -> Scene | None:
+def scene(gathered: Gathered, runs: Sequence[Run], paths: Mapping[str, TruePath]) -> Scene:
     """The scene at one time a revisit; a track counts from its first update to its last, moved on at its velocity."""
     planar = all(r.planar for r in runs)
-    time, position = [], []
-    for run in runs:
-        time.append(run.measurements.time_s)
-        position.append(_cartesian(run))
-    times, where = np.concatenate(time), np.concatenate(position)
-    order = np.argsort(times, kind="stable")
-    step = max(gathered.interval_s, 1e-3) if gathered.tracks else revisit_time(times[order], where[order], 1000.0)
-    first, last = float(times[order[0]]), float(times[order[-1]])
-    count_ = min(int((last - first) / step) + 1, SCANS)
-    if count_ < 1:
-        return None
+    time = [run.measurements.time_s for run in runs]
+    step = max(gathered.interval_s, 1e-3)
+    first, last = min(float(t[0]) for t in time), max(float(t[-1]) for t in time)
+    alive = sum(float(t[-1] - t[0]) for t in time) / max(last - first, step)  # tracks at a time, on average
+    room = min(SCANS, int(PAIRS / (max(alive, 1.0) * max(len(paths), 1))), int(PAIRS / len(runs)))
+    count_ = max(min(int((last - first) / step) + 1, room), 2)
     at = np.linspace(first, last, count_)
     tracks = np.full((count_, len(runs), 3), np.nan)
     covariance = np.full((count_, len(runs), 3, 3), np.nan)
@@ -205,7 +200,7 @@ def set_rows(s: Scene, names: Sequence[str], bins: Bins, own: ReplaySettings, co
         g.append(gospa(apart, cutoff, ORDER))
     whole = Place(np.ones(0, bool))
     rows = [
-        whole.row(name, unit, mean(values, confidence))
+        whole.row(name, unit, _from_zero(mean(values, confidence)))
         for name, unit, values in (
             ("ospa", "m", [v.total for v in o]),
             ("ospa_localisation", "m", [v.localisation for v in o]),
@@ -231,6 +226,11 @@ def set_rows(s: Scene, names: Sequence[str], bins: Bins, own: ReplaySettings, co
     if pure:
         rows.append(whole.row("track_purity", "1", mean(np.array(pure), confidence)))
     return rows
+
+
+def _from_zero(found: Interval) -> Interval:
+    """The interval of a distance, which cannot be negative."""
+    return replace(found, low=max(found.low, 0.0)) if math.isfinite(found.low) else found
 
 
 def associate(s: Scene, own: ReplaySettings) -> Association:

@@ -61,7 +61,8 @@ class Updates:
 
     def having(self, flag: Flag) -> BoolArray:
         """Rows at which something happened."""
-        return np.not_equal(self.flags & int(flag), 0)
+        found: BoolArray = (self.flags & int(flag)) != 0
+        return found
 
     def variable(self, bins: Bins) -> Floats:
         """What rows are binned by. Raises SettingsError for a variable that plots do not have."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,11 +14,13 @@ from rangeeval.model import Estimate
 from rangeeval.stats.mean_square import Interval, mean
 from rangeeval.tracking import tuning
 from rangeeval.tracking.filters import AlphaBeta, AnyFilter, Filter
-from rangeeval.tracking.runs import run_many
+from rangeeval.tracking.measurements import Measurements
+from rangeeval.tracking.runs import Flag, Run, run_many
 from rangeeval.tracking.tuning import Parameter
 
 HELD_OUT = 4  # every fourth track judges the tuning, where there are so many
 FEWEST_UPDATES = 20
+FEW_WILD = 0.02  # share of plots outside the gate up to which they are taken for wild ones
 # Floors keep the search off edges that no real target supports: a simulated one that is exactly straight wants no
 # process noise at all.
 _FLOORS = {"sigma": 0.1, "sigma_turn": 1e-3, "prior_turn": 1e-3, "stay": 0.5, "noise": 0.02}
@@ -67,6 +69,7 @@ def tune(spec: AnyFilter, tracks: Sequence[Track], sigma: tuple[float, float, fl
     """Maximise the likelihood of the plots over measurement noise, process noise and how long the models last.
 
     On three tracks in four where there are four; the others only judge. `sigma` is the noise that the plots were given.
+    A few plots far outside the gate of the untuned filter are left out: one wild plot would stand for a manoeuvre.
 
     Raises
     ------
@@ -76,13 +79,14 @@ def tune(spec: AnyFilter, tracks: Sequence[Track], sigma: tuple[float, float, fl
         raise SettingsError("an alpha-beta filter has no likelihood to tune by; use --filter kalman or imm")
     train, judges = _split(tracks)
     parameters = _parameters(spec, planar=all(t.plots.planar for t in tracks))
-    updates = sum(int(r.used.sum()) for r in run_many(spec, [t.measurements for t in train]))
+    runs = run_many(spec, [t.measurements for t in train])
+    updates = sum(int(r.used.sum()) for r in runs)
     if updates < max(FEWEST_UPDATES, 4 * len(parameters)):
         raise InputError(f"{updates} updates are too few to tune {len(parameters)} parameters with")
-    found = tuning.tune(spec, [t.measurements for t in train], parameters, confidence=confidence)
+    found = tuning.tune(spec, _without_wild_plots(runs), parameters, confidence=confidence)
     values = tuple(
-        _value(p, sigma, Interval(*(float(v) for v in ends), updates, float(updates)))
-        for p, *ends in zip(parameters, found.values, found.low, found.high, strict=True)
+        _value(p, sigma, Interval(float(value), float(low), float(high), updates, float(updates)))
+        for p, value, low, high in zip(parameters, found.values, found.low, found.high, strict=True)
     )
     held = _gain(spec, found.filter, judges, confidence) if judges else None
     return Tuned(found.filter, values, _gain(spec, found.filter, train, confidence), held, sigma)
@@ -93,6 +97,17 @@ def _split(tracks: Sequence[Track]) -> tuple[list[Track], list[Track]]:
         return list(tracks), []
     judges = [t for i, t in enumerate(tracks) if i % HELD_OUT == HELD_OUT - 1]
     return [t for i, t in enumerate(tracks) if i % HELD_OUT != HELD_OUT - 1], judges
+
+
+def _without_wild_plots(runs: Sequence[Run]) -> list[Measurements]:
+    """The plots without those outside the gate; all of them where that would be many: then the noise given is wrong."""
+    gated = [(r.flags & int(Flag.GATED)) != 0 for r in runs]
+    if sum(int(g.sum()) for g in gated) > FEW_WILD * sum(map(len, gated)):
+        return [r.measurements for r in runs]
+    return [
+        replace(r.measurements, z=np.where(g[:, None], np.nan, r.measurements.z))
+        for r, g in zip(runs, gated, strict=True)
+    ]
 
 
 def _parameters(spec: Filter, *, planar: bool) -> tuple[Parameter, ...]:

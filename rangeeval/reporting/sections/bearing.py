@@ -27,7 +27,7 @@ NOTE = (
 )
 
 _DEGREES = shown("rad", "bearing")
-_DB = 10.0
+_PER_BLOCK = ("music", "root-music", "esprit")
 _STEEP = 180.0  # a step beyond this is a bearing that went round
 _METHODS = {
     "joint-ml": "maximum likelihood of all bearings at once, block by block (joint-ml)",
@@ -122,6 +122,7 @@ def _errors(result: Result, *, each: bool = True) -> Table | None:
         ])  # fmt: skip
     if not body:
         return None
+    flagged = any(row[-1] for row in body)
     outcome = str(result.settings.get("outcome") or "")
     head = ["Errors", "n", "RMS (°)", "Interval", "Bias (°)", "Bound (°)", "Bound, straight", "MSE (deg²)", "Flags"]
     words = {
@@ -129,7 +130,10 @@ def _errors(result: Result, *, each: bool = True) -> Table | None:
         "swapped": "targets swapped their names",
         "lost": "a target was lost",
     }.get(outcome, "")
-    return Table(f"Bearings against truth{': ' + words if words else ''}", head, body, "lrrrrrrrl")
+    caption = f"Bearings against truth{': ' + words if words else ''}"
+    if not flagged:
+        head, body = head[:-1], [row[:-1] for row in body]
+    return Table(caption, head, body, "lrrrrrrr" + "l" * flagged)
 
 
 _ARRAY = (
@@ -186,7 +190,10 @@ def _overview(result: Result) -> list[Block]:
 
 
 def _track_figure(result: Result, size: FigureSize) -> Figure:
-    return Figure("Bearing of each target over time, with its interval.", _alt(result), [[_tracks(result)]], size)
+    panels = [[_tracks(result)]]
+    if size == "tall" and (error := _error_panel(result)) is not None:
+        panels.append([error])
+    return Figure("Bearing of each target over time, with its interval.", _alt(result), panels, size)
 
 
 def _alt(result: Result) -> str:
@@ -214,22 +221,40 @@ def _broken(values: Sequence[float]) -> list[float]:
 
 
 def _marks(result: Result, *, bands: bool) -> list[Mark]:
-    marks = []
+    marks = [
+        Mark("line", data["time_s"], _broken(data["truth_rad"]), label="" if number else "truth", role="reference")
+        for number, (_, data) in enumerate(_series(result, "bearing/"))
+        if bands and "truth_rad" in data
+    ]
+    per_block = str(result.settings["method"]) in _PER_BLOCK
     for number, (name, data) in enumerate(_series(result, "bearing/"), start=1):
-        x, role = data["time_s"], f"group{number}"
-        heard = [v if h else math.nan for v, h in zip(data["bearing_rad"], data["heard"], strict=True)]
-        per_block = str(result.settings["method"]) not in ("joint-ml", "ryu", "modified")
-        kind = "points" if per_block else "line"
-        if bands and not per_block:
+        x, role, label = data["time_s"], f"group{number}", f"target {name}"
+        if per_block:
+            heard = [v * _DEGREES.scale if h else math.nan for v, h in _pairs(data, "bearing_rad", "heard")]
+            marks.append(Mark("points", x, heard, label=label, role=role))
+            continue
+        if bands:
             low, high = ([v * _DEGREES.scale for v in data[c]] for c in ("low_rad", "high_rad"))
             marks.append(Mark("band", x, low=low, high=high, role=role))
-        values = heard if per_block else data["bearing_rad"]
-        shown_values = [v * _DEGREES.scale for v in values] if per_block else _broken(values)
-        marks.append(Mark(kind, x, shown_values, label=f"target {name}", role=role))  # type: ignore[arg-type]
-        if bands and "truth_rad" in data:
-            label = "truth" if number == 1 else ""
-            marks.append(Mark("line", x, _broken(data["truth_rad"]), label=label, role="reference"))
+        marks.append(Mark("line", x, _broken(data["bearing_rad"]), label=label, role=role))
     return marks
+
+
+def _pairs(data: dict[str, list[float]], first: str, second: str) -> list[tuple[float, float]]:
+    return list(zip(data[first], data[second], strict=True))
+
+
+def _error_panel(result: Result) -> Panel | None:
+    """How far each track is off the truth, over time."""
+    marks = []
+    for number, (_, data) in enumerate(_series(result, "bearing/"), start=1):
+        if "truth_rad" not in data:
+            return None
+        off = [math.remainder(b - t, 2 * math.pi) * _DEGREES.scale for b, t in _pairs(data, "bearing_rad", "truth_rad")]
+        kind = "points" if str(result.settings["method"]) in _PER_BLOCK else "line"
+        marks.append(Mark(kind, data["time_s"], off, role=f"group{number}"))  # type: ignore[arg-type]
+    marks.append(Mark("rule", y=(0.0,), role="reference"))
+    return Panel("Error against truth", _time_label(result), "Error (°)", marks, share_x="time")
 
 
 def _time_label(result: Result) -> str:

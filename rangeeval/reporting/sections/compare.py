@@ -24,6 +24,8 @@ NOTE = (
     "equivalent."
 )
 
+ON_A_PAGE = 3  # panels
+
 VERDICTS = ("better", "worse", "equivalent", "inconclusive")
 _ADJUSTED = {
     "holm": "Holm: the chance of any false claim in the whole table stays below the level",
@@ -46,8 +48,9 @@ def short_tables(result: Result, caption: str, *, summary: bool = False) -> list
 
 
 def summary_figure(result: Result) -> Figure:
-    """The effects over the bins, for the summary page."""
-    return _effects(result)
+    """The first ratios over the bins, for the summary page."""
+    ratios = [q for q in _quantities(result.rows) if _binned(result, q) and _binned(result, q)[0].unit == "1"]
+    return _effects(result, ratios[:3] or _quantities(result.rows)[:3])[0]
 
 
 def _trials(result: Result) -> list[str]:
@@ -61,15 +64,14 @@ def _quantities(rows: Sequence[Estimate]) -> list[str]:
 
 def _overview(result: Result) -> list[Block]:
     blocks: list[Block] = [_notice(result, trial) for trial in _trials(result)]
-    blocks.append(_effects(result))
+    blocks += _effects(result, _quantities(result.rows))
     curves = [panel for quantity in _quantities(result.rows) if (panel := _curves(result, quantity))]
-    if curves:
-        caption = "The quantities themselves, each with its interval, the trials over each other."
-        blocks.append(Figure(caption, _alt(result), [[panel] for panel in curves]))
+    caption = "The quantities themselves, each with its interval, the trials over each other (side by side in a bin)."
+    blocks += _figures(caption, _alt(result), curves)
     blocks += [
-        _tests(result, f"Every test of {quantity_name(quantity)}", [r for r in result.rows if r.quantity == quantity])
-        for quantity in _quantities(result.rows)
-    ]
+        _tests(result, f"Every test of {_with_unit(rows[0])}", rows, named=False)
+        for quantity in _quantities(result.rows) if (rows := [r for r in result.rows if r.quantity == quantity])
+    ]  # fmt: skip
     return [*blocks, *flag_notices(result)]
 
 
@@ -96,24 +98,35 @@ def _tally(result: Result) -> Table:
     return Table(caption, head, body, "llrrrrr")
 
 
-def _tests(result: Result, caption: str, rows: Sequence[Estimate]) -> Table:
-    """One line a test: both estimates, the effect, the p value, the verdict, and how many samples would decide."""
+def _tests(result: Result, caption: str, rows: Sequence[Estimate], *, named: bool = True) -> Table:
+    """One line a test: both estimates, the effect, the p value, the verdict, and how many samples would decide.
+
+    `named`: each line says its quantity; otherwise all are of one.
+    """
     several = len(_trials(result)) > 1
+    grouped = any(row.group for row in rows)
     body: list[list[str | Cell]] = []
     for row in rows:
         extra = row.extra
-        differs = bool(extra["differs"]) and extra["verdict"] == "inconclusive"
         cells: list[str | Cell] = [str(extra["trial"])] if several else []
-        unit = shown(str(extra["of_unit"])).unit
-        name = quantity_name(row.quantity) + (f" ({unit})" if unit else "")
+        cells += [_with_unit(row)] if named else []
+        cells += [row.group or ""] if grouped else []
+        differs = bool(extra["differs"]) and extra["verdict"] == "inconclusive"
+        sign = ("× " if extra["measure"] == "ratio" else "Δ ") if named else ""
         body.append([
-            *cells, name + (f", {row.group}" if row.group else ""), bin_text(row), _estimate(row, "reference"),
-            _estimate(row, "trial"), f"{'×' if extra['measure'] == 'ratio' else 'Δ'} {estimate_text(row)}",
-            _p(extra["p_adjusted"]), Cell("differs" if differs else "", extra["verdict"]), _more(row),
+            *cells, bin_text(row), estimate_text(_of(row, "reference")), estimate_text(_of(row, "trial")),
+            sign + estimate_text(row), _p(extra["p_adjusted"]), Cell("differs" if differs else "", extra["verdict"]),
+            _more(row),
         ])  # fmt: skip
-    head = [*(["Trial"] if several else []), "Quantity", "Bin", "Reference", "Trial" if several else "Compared",
-            "Ratio × or difference Δ", "p, adjusted", "Verdict", "More samples"]  # fmt: skip
-    return Table(caption, head, body, "l" * (3 if several else 2) + "rrrrlr")
+    effect = "Ratio × or difference Δ" if named else str(rows[0].extra["measure"]).capitalize()
+    first = [*(["Trial"] if several else []), *(["Quantity"] if named else []), *(["Group"] if grouped else []), "Bin"]
+    head = [*first, "Reference", "Compared", effect, "p, adjusted", "Verdict", "More samples"]
+    return Table(caption, head, body, "l" * len(first) + "rrrrlr")
+
+
+def _with_unit(row: Estimate) -> str:
+    unit = shown(str(row.extra["of_unit"])).unit
+    return quantity_name(row.quantity) + (f" ({unit})" if unit else "")
 
 
 def _of(row: Estimate, which: str) -> Estimate:
@@ -127,10 +140,6 @@ def _of(row: Estimate, which: str) -> Estimate:
 
 def _number(value: object) -> float:
     return float(value) if isinstance(value, (int, float)) else math.nan
-
-
-def _estimate(row: Estimate, which: str) -> str:
-    return estimate_text(_of(row, which))
 
 
 def _p(value: object) -> str:
@@ -159,10 +168,18 @@ def _across(row: Estimate) -> tuple[float, str]:
     return unit.scale, f"{(row.variable or '').capitalize()} ({unit.unit})".removesuffix(" ()")
 
 
-def _effects(result: Result) -> Figure:
-    """The ratio or difference of every quantity over the bins; the line is "the same"."""
-    panels = []
-    for quantity in _quantities(result.rows):
+def _figures(caption: str, alt: str, panels: Sequence[Panel]) -> list[Figure]:
+    """The panels below each other, as many to a figure as a page has room for."""
+    return [
+        Figure(caption, alt, [[panel] for panel in panels[start : start + ON_A_PAGE]])
+        for start in range(0, len(panels), ON_A_PAGE)
+    ]
+
+
+def _effects(result: Result, quantities: Sequence[str]) -> list[Figure]:
+    """The ratio or difference of quantities over the bins; the line is "the same"."""
+    panels: list[Panel] = []
+    for quantity in quantities:
         rows = _binned(result, quantity)
         if not rows:
             continue
@@ -179,18 +196,24 @@ def _effects(result: Result) -> Figure:
                 series.setdefault(_label(result, row, str(row.extra["trial"])), []).append(row)
         for number, (label, found) in enumerate(series.items(), start=1):
             marks.append(Mark(
-                "errorbars", [0.5 * (r.bin_low + r.bin_high) * scale for r in found],
+                "errorbars", _places(found, scale, number, len(series)),
                 [unit.value(r.value) for r in found], low=[unit.value(r.low) for r in found],
                 high=[unit.value(r.high) for r in found], label=label, role=f"group{number}",
             ))  # fmt: skip
         what = "ratio" if ratio else f"difference ({unit.unit})".removesuffix(" ()")
-        panels.append([Panel(f"{quantity_name(quantity)}: {what}", x_label, what, marks, y_log=ratio, share_x="bins")])
+        panels.append(Panel(f"{quantity_name(quantity)}: {what}", x_label, what, marks, y_log=ratio, share_x="bins"))
     confidence = result.settings["confidence"] * 100
     caption = (
         f"Each trial against {result.settings['reference']} per bin, with {confidence:g} % intervals of the single "
         "bin: among many bins some exclude “the same” by chance, which the verdicts allow for."
     )
-    return Figure(caption, _alt(result), panels or [[_whole(result)]], size="normal")
+    return _figures(caption, _alt(result), panels or [_whole(result)])
+
+
+def _places(rows: Sequence[Estimate], scale: float, number: int, of: int) -> list[float]:
+    """The middles of the bins, those of several series a little apart so that none hides another."""
+    aside = (number - 0.5 * (of + 1)) * 0.12
+    return [(0.5 * (r.bin_low + r.bin_high) + aside * (r.bin_high - r.bin_low)) * scale for r in rows]
 
 
 def _whole(result: Result) -> Panel:
@@ -219,7 +242,7 @@ def _curves(result: Result, quantity: str) -> Panel | None:
     unit = shown(str(rows[0].extra["of_unit"]))
     scale, x_label = _across(rows[0])
     marks = [
-        Mark("errorbars", [0.5 * (e.bin_low + e.bin_high) * scale for e in found], [unit.value(e.value) for e in found],
+        Mark("errorbars", _places(found, scale, number, len(series)), [unit.value(e.value) for e in found],
              low=[unit.value(e.low if math.isfinite(e.low) else e.value) for e in found],
              high=[unit.value(e.high if math.isfinite(e.high) else e.value) for e in found],
              label=name, role=f"group{number}")

@@ -293,6 +293,10 @@ def _decibels(value: object) -> float:
     return 10.0 * math.log10(number) if 0 < number < math.inf else math.nan
 
 
+def _case_name(case: str) -> str:
+    return "Free shape" if case == "free" else f"Swerling {case}"
+
+
 def _fit(result: Result) -> list[Block]:
     s = result.settings
     blocks: list[Block] = []
@@ -305,13 +309,13 @@ def _fit(result: Result) -> list[Block]:
             fitted = result.series.get(f"amplitudes/{case}")
             if fitted:
                 expected = [float(v) for v in fitted["expected"]]
-                marks.append(Mark("line", centres, expected, label=f"Swerling {case}", role=f"group{number}"))
+                marks.append(Mark("line", centres, expected, label=_case_name(str(case)), role=f"group{number}"))
         panel = Panel("Amplitudes", "Power over mean noise power (dB)", "Detections", marks)
         blocks.append(Figure(
             "Amplitudes of the detections, and how many each fitted case expects in the same steps.",
             "Histogram of detected amplitudes with the curves of the fitted cases.", [[panel]],
         ))  # fmt: skip
-    cases = [[f"Swerling {r.group}", plain_number(r.value, 7)] for r in result.rows if r.quantity == "aic_all_bins"]
+    cases = [[_case_name(str(r.group)), plain_number(r.value, 7)] for r in result.rows if r.quantity == "aic_all_bins"]
     if cases:
         blocks.append(Paragraph(str(s["case_verdict"])))
         blocks.append(
@@ -320,9 +324,8 @@ def _fit(result: Result) -> list[Block]:
         shape = _whole(result, "swerling_shape")
         if shape is not None:
             blocks.append(Paragraph(
-                f"With a free shape the best is K = {plain_number(shape.value, 3)} (Swerling 1: 1, Swerling 3: 2, "
-                f"steady: "
-                "beyond reach)."
+                f"With a free shape the best is K = {estimate_text(shape)} (Swerling 1: 1, Swerling 3: 2, steady: "
+                "beyond reach); it is shown for comparison and chosen only when asked for."
             ))  # fmt: skip
     tested = [q for q, _ in _TESTS if _whole(result, q) is not None]
     if tested:
@@ -348,6 +351,13 @@ _METHODS = {
 }
 
 
+_INTERVALS = {
+    "profile": "profile likelihood",
+    "bootstrap": "parametric bootstrap, quantiles of the RCS fitted to looks simulated with the RCS found",
+    "credible": "Bayesian, equal tails, prior 1 / (s + 1 / mean snr_per_m2)",
+}
+
+
 def _method(result: Result) -> list[Block]:
     s = result.settings
     amplitude = "signal plus noise over mean noise power" if s["amplitude"] == "signal-plus-noise" else (
@@ -368,10 +378,10 @@ def _method(result: Result) -> list[Block]:
             "of 1 m² is an error of -x dB in every RCS."
         ),
         Paragraph(
-            "Intervals: profile likelihood. Where nothing was detected the number is a one-sided upper limit, where "
-            "nothing bounds the RCS from above a lower limit. The case is chosen over the whole trial, never in a "
-            "bin; where "
-            "cases are not distinguishable the interval holds those of each of them."
+            f"Intervals: {_INTERVALS[str(s.get('interval', 'profile'))]}. Where nothing was detected the number is a "
+            "one-sided upper limit, where nothing bounds the RCS from above a lower limit, both exact. The case is "
+            "chosen over the whole trial, never in a bin; where cases are not distinguishable the interval holds those "
+            "of each of them."
         ),
         Paragraph(
             "Assumptions: looks are independent; every detection is the target; the RCS is one number inside a bin. "

@@ -27,7 +27,9 @@ def sections(result: Result) -> list[Section]:
 
 
 def short_tables(result: Result, caption: str, *, summary: bool = False) -> list[Table]:
-    """One table a coordinate, and the time offset."""
+    """One table a coordinate, and the time offset; on the summary one line a coordinate, the figure has the bins."""
+    if summary:
+        return [_whole_table(result, "Errors of the plots against truth, whole trial"), _offset_table(result)]
     return [*_tables(result, caption), _offset_table(result)]
 
 
@@ -58,6 +60,17 @@ def _tables(result: Result, caption: str) -> list[Table]:
             head = ["Bin", *(["Target"] if named else []), "n", *head, "Flags"]
             found.append(Table(f"{caption}: {coordinate}", head, body, "l" * (1 + named) + "rrrrl"))
     return found
+
+
+def _whole_table(result: Result, caption: str) -> Table:
+    body: list[list[str | Cell]] = []
+    for coordinate, unit in _COORDINATES.items():
+        wanted = [f"{coordinate}_{p}" for p in _PARTS]
+        rows = [r for r in _plain(result) if r.variable is None and r.track_id is None]
+        for line in lines(rows, wanted):
+            name = f"{coordinate.capitalize()} ({shown(unit).unit})"
+            body.append([name, str(line.first.n), *(estimate_text(line.of[q]) for q in wanted), flags_text(line.flags)])
+    return Table(caption, ["Coordinate", "n", "Bias", "σ", "RMS", "Flags"], body, "lrrrrl")
 
 
 def _offset_table(result: Result) -> Table:

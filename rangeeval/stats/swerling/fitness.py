@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
-from scipy.special import chdtrc, ndtri
+from scipy.optimize import brentq, minimize_scalar
+from scipy.special import chdtrc, chdtri, ndtri
 
 from rangeeval.stats.swerling.closed import DETECTION
 from rangeeval.stats.swerling.detection import detection_probability
-from rangeeval.stats.swerling.likelihood import Fit, detections, fit, maximum_likelihood
+from rangeeval.stats.swerling.likelihood import Fit, detections, fit, log_likelihood, maximum_likelihood
 from rangeeval.stats.swerling.looks import Case, Looks, Windows
 
 Floats = NDArray[np.float64]
@@ -195,19 +195,64 @@ def choose(looks: Looks, windows: Windows, cases: Sequence[Case]) -> Choice:
     aic = {}
     for case in cases:
         found = fit(looks, windows, case)
-        aic[case.name] = 2.0 * len(windows) - 2.0 * float(found.value.sum())
+        aic[case.name] = 2.0 * (len(windows) + case.free) - 2.0 * float(found.value.sum())
     best = min(aic, key=lambda name: aic[name])
     among = tuple(name for name, value in aic.items() if value - aic[best] < CLEAR_AIC)
     enough = len(looks) >= FEW_LOOKS
     return Choice(aic, best, among if enough else tuple(aic), len(among) == 1 and enough, len(looks))
 
 
-def free_shape(looks: Looks, windows: Windows) -> tuple[float, float]:
-    """The shape K that fits best, between 0.2 and 200, and lnL there (a mean RCS for each window)."""
+@dataclass(frozen=True)
+class Shape:
+    """The shape K of the fluctuation that fits best, one for all windows, with its profile-likelihood interval.
 
-    def lost(ln_k: float) -> float:
-        return -float(fit(looks, windows, Case("free", math.exp(ln_k))).value.sum())
+    An end at 0 or inf says that nothing bounds K there within `SHAPES`; K at the upper bound is a steady target.
+    """
 
-    ends = (math.log(SHAPES[0]), math.log(SHAPES[1]))
-    found = minimize_scalar(lost, bounds=ends, method="bounded", options={"xatol": 1e-7})
-    return math.exp(float(found.x)), -float(found.fun)
+    k: float
+    low: float
+    high: float
+    value: float
+    windows: int
+
+    @property
+    def aic(self) -> float:
+        """Akaike's criterion: a mean RCS for each window and K."""
+        return 2.0 * (self.windows + 1) - 2.0 * self.value
+
+    @property
+    def case(self) -> Case:
+        """The fluctuation model of this shape."""
+        return Case("free", self.k, free=True)
+
+
+def free_shape(looks: Looks, windows: Windows, confidence: float = 0.95) -> Shape:
+    """The shape K between 0.2 and 200 at which the looks are most likely, each window with its own mean RCS.
+
+    References
+    ----------
+    Weinstock (1964) for shapes between and beyond Swerling's; docs/explanation/rcs.md for how many looks it takes.
+    """
+    near = np.zeros(len(windows))
+
+    def value(ln_k: float) -> float:
+        case = Case("free", math.exp(ln_k))
+        s = maximum_likelihood(looks, windows, case, near=near)
+        good = (s > 0) & np.isfinite(s)
+        near[good] = s[good]
+        alpha = windows.reduce(np.maximum, looks.alpha)
+        at = np.where(good, s, np.where(s > 0, 1e12, 1e-12) / alpha)
+        return float(log_likelihood(looks, windows, case, at)[0].sum())
+
+    least, most = math.log(SHAPES[0]), math.log(SHAPES[1])
+    found = minimize_scalar(lambda u: -value(u), bounds=(least, most), method="bounded", options={"xatol": 1e-6})
+    best, top = float(found.x), -float(found.fun)
+    ends = []
+    for bound, beyond in ((least, 0.0), (most, math.inf)):
+        at_bound = value(bound)
+        if at_bound > top:
+            best, top = bound, at_bound
+        target = top - 0.5 * float(chdtri(1, 1.0 - confidence))
+        open_ = at_bound >= target
+        ends.append(beyond if open_ else math.exp(brentq(lambda u, t=target: value(u) - t, bound, best, xtol=1e-4)))
+    return Shape(math.exp(best), ends[0], ends[1], top, len(windows))

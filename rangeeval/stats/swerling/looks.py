@@ -16,11 +16,15 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Case:
-    """A fluctuation model: the summed RCS of n pulses is gamma with this shape (times n if each pulse has its own)."""
+    """A fluctuation model: the summed RCS of n pulses is gamma with this shape (times n if each pulse has its own).
+
+    `free`: the shape was found from the looks themselves, which costs a parameter.
+    """
 
     name: str
     shape: float
     per_pulse: bool = False
+    free: bool = False
 
     def shapes(self, pulses: NDArray[np.int64]) -> Floats:
         """The shape K for each look of so many pulses."""

@@ -152,6 +152,23 @@ def below_terms(t, n, mean, shape):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def _beyond(a, shape, x):  # type: ignore[no-untyped-def]
+    """The probability of `a` counts or more over that of `a`: the incomplete beta function's fraction, by Lentz."""
+    c, d = 1.0, 1.0 / (1.0 - (a + shape) * x / (a + 1.0))
+    h, m = d, 1.0
+    while True:
+        even = m * (shape - m) * x / ((a + 2.0 * m - 1.0) * (a + 2.0 * m))
+        d, c = 1.0 / (1.0 + even * d), 1.0 + even / c
+        h *= d * c
+        odd = -(a + m) * (a + shape + m) * x / ((a + 2.0 * m) * (a + 2.0 * m + 1.0))
+        d, c = 1.0 / (1.0 + odd * d), 1.0 + odd / c
+        h *= d * c
+        m += 1.0
+        if abs(d * c - 1.0) < 1e-15 or m > 5000.0:
+            return h
+
+
+@compiled
 def above(t, n, mean, shape):  # type: ignore[no-untyped-def]
     """P(z >= t), never as a difference from one."""
     g, shift = 1.0, -t  # Poisson probability of i counts of mean t is g exp(shift)
@@ -167,6 +184,9 @@ def above(t, n, mean, shape):  # type: ignore[no-untyped-def]
         if j > most:
             if mean > 0.5 * j:
                 break
+            if not math.isinf(shape):
+                rest = p * (least + slope * j) / (j + 1.0) * _beyond(j + 1.0, shape, slope)
+                return (total * math.exp(shift) + rest) * math.exp(scale)
             if p <= 1e-18 * total * math.exp(shift):
                 return total * math.exp(scale + shift)
         p *= (least + slope * j) / (j + 1.0)
