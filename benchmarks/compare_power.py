@@ -188,7 +188,7 @@ def draw(curve: list[tuple[float, float, float]], path: Path) -> None:
     import matplotlib
 
     matplotlib.use("Agg")
-    matplotlib.rcParams["svg.hashsalt"] = "compare"
+    matplotlib.rcParams.update({"svg.hashsalt": "compare", "svg.fonttype": "none"})
     from matplotlib import pyplot as plt
 
     figure, axes = plt.subplots(figsize=(7.0, 4.0), layout="constrained")

@@ -79,6 +79,8 @@ FLAGS = {
         "The looks do not tell the Swerling cases apart: the interval holds those of every case within 2 of the best "
         "AIC."
     ),
+    "slow-fading": "Consecutive amplitudes are alike: the target fades more slowly than looks follow each other. The "
+    "interval takes them as independent and is too narrow.",
     "nominal-sigma": "σ follows from the filter's settings alone, not from the data.",
     "bound-sigma": "σ is the Cramér-Rao bound of a block at the power found, not a measured error.",
     "unmodelled-source": "the guard says that a source is heard that is not tracked; more targets may be there.",

@@ -268,14 +268,16 @@ CROSSING_METHODS: tuple[tuple[str, PastOptions | JointOptions], ...] = (
 def crossing_paths(rate_deg: float) -> Array:
     """Two targets that cross at broadside at this relative rate, 12 deg apart at either end."""
     half = 0.5 * rate_deg * np.arange(round(2 * _APART_DEG / rate_deg))
-    return np.deg2rad(np.column_stack([half - _APART_DEG / 2, _APART_DEG / 2 - half]))
+    found: Array = np.deg2rad(np.column_stack([half - _APART_DEG / 2, _APART_DEG / 2 - half]))
+    return found
 
 
 def bounce_paths(nearest_deg: float, rate_deg: float = 0.1) -> Array:
     """Two targets that approach to a least separation and part again, 12 deg apart at either end."""
     steps = np.arange(round(2 * (_APART_DEG - nearest_deg) / rate_deg))
     apart = nearest_deg + rate_deg * np.abs(steps - (steps.size - 1) / 2)
-    return np.deg2rad(np.column_stack([-apart / 2, apart / 2]))
+    found: Array = np.deg2rad(np.column_stack([-apart / 2, apart / 2]))
+    return found
 
 
 def what_becomes(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +27,10 @@ class Interval:
     high: float
     n: int
     n_eff: float
+
+    def from_zero(self) -> Interval:
+        """The same for what cannot be negative."""
+        return replace(self, low=max(self.low, 0.0)) if math.isfinite(self.low) else self
 
 
 def root_mean_square(error: Array, noise: float, confidence: float) -> tuple[float, float, float, float, bool]:
@@ -64,8 +68,8 @@ def rms(error: ArrayLike, confidence: float = 0.95, stretch: ArrayLike | None = 
 def mean(values: ArrayLike, confidence: float = 0.95, stretch: ArrayLike | None = None) -> Interval:
     """Mean of samples (n) with memory; its interval is missing for fewer than 4.
 
-    The long-run variance (Newey and West, square root of n lags, 40 at most) is never taken to be less than that of white samples:
-    a filter's residuals may well alternate, but nothing is gained by believing in it.
+    The long-run variance (Newey and West, square root of n lags, 40 at most) is never taken to be less than that of
+    white samples: a filter's residuals may well alternate, but nothing is gained by believing in it.
     """
     x, mark = _finite(values, stretch)
     n = x.size

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rangeeval.compiled import compiled_ieee
+from rangeeval.compiled import compiled_ieee, compiled_inside
 from rangeeval.tracking.mixing import RESET, mix, pad
 from rangeeval.tracking.motion import CT, predict, process_noise, states_of
 from rangeeval.tracking.polar import EKF, measure, wrap
@@ -196,7 +196,7 @@ def run_tracks(
         total[track] = log_likelihood
 
 
-@compiled_ieee
+@compiled_inside
 def _begin(
     motions: IntArray, table: FloatArray, o: Scalars, count: int, starts: FloatArray, planar: bool,
     weight: FloatArray, x: FloatArray, p: FloatArray, v: FloatArray, m: FloatArray, f: FloatArray,
@@ -214,7 +214,7 @@ def _begin(
                 pad(RESET, table[j, PRIOR], x, p, j, j, f)
 
 
-@compiled_ieee
+@compiled_inside
 def _set_step(
     motions: IntArray, table: FloatArray, pi: FloatArray, o: Scalars, dt: float, noise: FloatArray, f: FloatArray
 ) -> None:
@@ -272,7 +272,7 @@ def exponential(pi: FloatArray, dt: float, f: FloatArray) -> None:
             pi[2 * m + i, j] = max(f[power + 3 * i + j], 0.0) / row
 
 
-@compiled_ieee
+@compiled_inside
 def _cycle(
     motions: IntArray, table: FloatArray, pi: FloatArray, limits: FloatArray, o: Scalars, known: int, dt: float,
     level: int,
@@ -335,7 +335,7 @@ def _cycle(
     return flag if sound else flag | BROKEN, nis, value, known
 
 
-@compiled_ieee
+@compiled_inside
 def _mixture(models: int, weight: FloatArray, v: FloatArray, m: FloatArray) -> None:
     """Predicted measurement, innovation and its covariance of the mixture of models, weighted by cbar."""
     for what in range(2):  # azimuths relative to the first model's, so that the cut at -pi is nowhere special
@@ -359,7 +359,7 @@ def _mixture(models: int, weight: FloatArray, v: FloatArray, m: FloatArray) -> N
                 m[MEAN_S, 3 * i + k] += w * (m[s, 3 * i + k] + d[i] * d[k])
 
 
-@compiled_ieee
+@compiled_inside
 def _update(
     motions: IntArray, o: Scalars, known: int, weight: FloatArray, x: FloatArray, p: FloatArray, v: FloatArray,
     m: FloatArray, shrink: FloatArray, f: FloatArray,
@@ -392,7 +392,7 @@ def _update(
     return top + math.log(total)
 
 
-@compiled_ieee
+@compiled_inside
 def _merge(
     models: int,
     weight: FloatArray,
@@ -419,7 +419,7 @@ def _merge(
                 )
 
 
-@compiled_ieee
+@compiled_inside
 def _write_state(
     models: int, level: int, weight: FloatArray, x: FloatArray, p: FloatArray, out: FloatArray, k: int
 ) -> None:
@@ -431,7 +431,7 @@ def _write_state(
         _write_models(models, x, p, 0, out, k, PROBABILITY + 2 * models)
 
 
-@compiled_ieee
+@compiled_inside
 def _write_models(models: int, x: FloatArray, p: FloatArray, row: int, out: FloatArray, k: int, to: int) -> None:
     """The models' densities, 90 columns each."""
     for j in range(models):
@@ -441,7 +441,7 @@ def _write_models(models: int, x: FloatArray, p: FloatArray, row: int, out: Floa
             out[k, to + 90 * j + 9 + c] = p[row + j, c]
 
 
-@compiled_ieee
+@compiled_inside
 def _write_update(
     models: int, known: int, flag: int, nis: float, value: float, dt: float, level: int, weight: FloatArray,
     x: FloatArray, p: FloatArray, v: FloatArray, m: FloatArray, shrink: FloatArray, out: FloatArray, k: int,
@@ -468,7 +468,7 @@ def _write_update(
         _write_models(models, x, p, 2 * models, out, k, PROBABILITY + 92 * models)
 
 
-@compiled_ieee
+@compiled_inside
 def _write_gains(
     models: int, dt: float, weight: FloatArray, v: FloatArray, shrink: FloatArray, out: FloatArray, k: int
 ) -> None:

@@ -133,7 +133,7 @@ PAPER_IMM = Filter(
 
 # The same structure after maximum-likelihood tuning on the paper's scenario (1 m/s^2 of the first model is a floor).
 TUNED_IMM = Filter(
-    models=(Model("cv", 1.0), Model("ct", 5.8, sigma_turn_rad_s=1e-3, prior_turn_rad_s=0.072)),
+    models=(Model("cv", 1.0), Model("ct-second-order", 5.8, sigma_turn_rad_s=1e-3, prior_turn_rad_s=0.072)),
     transition=((0.986, 0.014), (0.033, 0.967)),
     noise="discrete",
 )

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rangeeval.compiled import compiled_ieee
+from rangeeval.compiled import compiled_ieee, compiled_inside
 from rangeeval.tracking.motion import CA, CV
 
 FloatArray = NDArray[np.float64]
@@ -29,7 +29,7 @@ def third_block(motion: int) -> int:
     return 0 if motion == CV else (1 if motion == CA else 2)
 
 
-@compiled_ieee
+@compiled_inside
 def pad(padding: int, prior: float, x: FloatArray, p: FloatArray, row: int, own: int, f: FloatArray) -> None:
     """Complete position and velocity in `row` of `x` (n, 9), `p` (n, 81) by a third block that its model does not have.
 
@@ -55,7 +55,7 @@ def pad(padding: int, prior: float, x: FloatArray, p: FloatArray, row: int, own:
         _regress(x, p, row, own, f)
 
 
-@compiled_ieee
+@compiled_inside
 def _regress(x: FloatArray, p: FloatArray, row: int, own: int, f: FloatArray) -> None:
     # regression B of the third block on position and velocity in `own`: B P66 = Pu6, by Cholesky of P66
     for a in range(9):
@@ -91,7 +91,7 @@ def _regress(x: FloatArray, p: FloatArray, row: int, own: int, f: FloatArray) ->
             p[row, 9 * u + t] = total
 
 
-@compiled_ieee
+@compiled_inside
 def add_outer(p: FloatArray, row: int, weight: float, f: FloatArray) -> None:
     """Add weight d d' to `row` of `p` (n, 81), d being the first nine of `f`."""
     d0, d1, d2, d3, d4, d5, d6, d7, d8 = f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8]
@@ -108,7 +108,7 @@ def add_outer(p: FloatArray, row: int, weight: float, f: FloatArray) -> None:
         p[row, 9 * a + 8] += e * d8
 
 
-@compiled_ieee
+@compiled_inside
 def mix(
     j: int,
     motions: IntArray,

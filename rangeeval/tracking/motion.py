@@ -19,7 +19,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rangeeval.compiled import compiled_ieee
+from rangeeval.compiled import compiled_ieee, compiled_inside
 
 FloatArray = NDArray[np.float64]
 
@@ -108,7 +108,7 @@ def turn(x: FloatArray, row: int, to: int, dt: float, second_order: bool, f: Flo
     _turn_rows(27, 1.0, s1, s2, d1, d2, v0, v1, v2, w0, w1, w2, b0, b1, b2, c0, c1, c2, dot, square, f)
 
 
-@compiled_ieee
+@compiled_inside
 def _turn_rows(
     row: int, s0: float, s1: float, s2: float, d1: float, d2: float, v0: float, v1: float, v2: float,
     w0: float, w1: float, w2: float, b0: float, b1: float, b2: float, c0: float, c1: float, c2: float,
@@ -139,7 +139,7 @@ def _turn_rows(
     f[row + 26] = g2 * w2 + s2 * (dot + w2 * v2)
 
 
-@compiled_ieee
+@compiled_inside
 def predict(
     motion: int,
     dt: float,
@@ -184,7 +184,7 @@ def predict(
         p[to, 10 * a + 60] += q[j, 5]
 
 
-@compiled_ieee
+@compiled_inside
 def _shift(p: FloatArray, to: int, dt: float, first: float, half: float) -> None:
     """F P F' in place for constant acceleration, or velocity when `first` and `half` are zero."""
     for c in range(27):
@@ -196,7 +196,7 @@ def _shift(p: FloatArray, to: int, dt: float, first: float, half: float) -> None
             p[to, 9 * a + 3 + b] += first * p[to, 9 * a + 6 + b]
 
 
-@compiled_ieee
+@compiled_inside
 def _turn_covariance(decay: float, p: FloatArray, to: int, f: FloatArray) -> None:
     """F P F' in place in row `to` for the turn model whose Jacobian is in the first 54 of `f`; the rest of `f` is
     free.

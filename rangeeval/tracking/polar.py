@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rangeeval.compiled import compiled_ieee
+from rangeeval.compiled import compiled_ieee, compiled_inside
 
 FloatArray = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ UPDATES = {"ekf": EKF, "converted": CONVERTED, "unbiased": UNBIASED, "decorrelat
 NEAR_ZENITH = 1e-6  # horizontal distance over range below which azimuth has no meaning
 
 
-@compiled_ieee
+@compiled_inside
 def wrap(angle: float) -> float:
     """The same angle in [-pi, pi)."""
     if -math.pi <= angle < math.pi:
@@ -60,7 +60,7 @@ def measure(x: FloatArray, row: int, v: FloatArray, at: int, m: FloatArray, h: i
     return True
 
 
-@compiled_ieee
+@compiled_inside
 def convert(r: float, az: float, el: float, v: FloatArray, row: int) -> None:
     """Position of range, azimuth, elevation into `row` of `v` (n, 3)."""
     flat = r * math.cos(el)

@@ -13,13 +13,13 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rangeeval.compiled import compiled_ieee
+from rangeeval.compiled import compiled_ieee, compiled_inside
 from rangeeval.tracking.polar import conventional_covariance, convert
 
 FloatArray = NDArray[np.float64]
 
 
-@compiled_ieee
+@compiled_inside
 def difference_weights(count: int, plots: FloatArray, quadratic: bool, f: FloatArray) -> None:
     """Weights of position, velocity, acceleration (rows) on the `count` plots, oldest first, into nine of `f`.
 
@@ -97,7 +97,7 @@ def start(
             p[row, 60 + 10 * a] = acceleration * acceleration
 
 
-@compiled_ieee
+@compiled_inside
 def turn_from_acceleration(x: FloatArray, p: FloatArray, row: int, prior: float, g: FloatArray) -> None:
     """Replace the acceleration in `row` by the turn rate v x a / |v|^2, in place.
 

@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rangeeval.compiled import compiled_ieee
+from rangeeval.compiled import compiled_inside
 from rangeeval.tracking.polar import (
     CONVERTED,
     DECORRELATED,
@@ -30,7 +30,7 @@ FloatArray = NDArray[np.float64]
 JOSEPH_BEYOND = 1e6  # then rounding is 1e-10 of the smallest variance
 
 
-@compiled_ieee
+@compiled_inside
 def cholesky_inverse(m: FloatArray, s: int, to: int) -> float:
     """Inverse of the lower Cholesky factor of row `s` of `m` (n, 9) into row `to`; gives log det, NaN if not
     positive.
@@ -58,7 +58,7 @@ def cholesky_inverse(m: FloatArray, s: int, to: int) -> float:
     return 2.0 * math.log(l00 * l11 * l22)
 
 
-@compiled_ieee
+@compiled_inside
 def quadratic(m: FloatArray, inverse: int, v: FloatArray, nu: int) -> float:
     """nu' S^-1 nu, with the inverse Cholesky factor of S in a row of `m` and nu in one of `v`."""
     n0, n1, n2 = v[nu, 0], v[nu, 1], v[nu, 2]
@@ -69,7 +69,7 @@ def quadratic(m: FloatArray, inverse: int, v: FloatArray, nu: int) -> float:
     return total
 
 
-@compiled_ieee
+@compiled_inside
 def cartesian_innovation(
     kind: int, v: FloatArray, z: int, variance: int, at: int, nu: int, x: FloatArray, row: int, m: FloatArray, r: int
 ) -> None:
@@ -92,7 +92,7 @@ def cartesian_innovation(
         v[nu, i] -= x[row, i]
 
 
-@compiled_ieee
+@compiled_inside
 def polar_innovation(
     v: FloatArray, z: int, variance: int, known: int, at: int, nu: int, m: FloatArray, h: int, r: int
 ) -> None:
@@ -114,7 +114,7 @@ def polar_innovation(
     v[nu, 1] = wrap(v[nu, 1])
 
 
-@compiled_ieee
+@compiled_inside
 def innovation_covariance(p: FloatArray, row: int, m: FloatArray, h: int, r: int, to: int) -> None:
     """H P H' + R into row `to` of `m` (n, 9), H acting on position."""
     for i in range(3):
@@ -126,7 +126,7 @@ def innovation_covariance(p: FloatArray, row: int, m: FloatArray, h: int, r: int
             m[to, 3 * i + k] = c0 * m[h, 3 * k] + c1 * m[h, 3 * k + 1] + c2 * m[h, 3 * k + 2] + m[r, 3 * i + k]
 
 
-@compiled_ieee
+@compiled_inside
 def correct(
     n: int, m: FloatArray, h: int, r: int, inverse: int, v: FloatArray, nu: int,
     x: FloatArray, p: FloatArray, row: int, to: int, shrink: FloatArray, j: int, f: FloatArray,
@@ -167,7 +167,7 @@ def correct(
             return
 
 
-@compiled_ieee
+@compiled_inside
 def _subtract_outer(p: FloatArray, row: int, f: FloatArray, at: int) -> None:
     """Subtract d d' from `row` of `p` (n, 81), d being nine of `f` from `at` on."""
     d0, d1, d2, d3, d4 = f[at], f[at + 1], f[at + 2], f[at + 3], f[at + 4]
@@ -185,7 +185,7 @@ def _subtract_outer(p: FloatArray, row: int, f: FloatArray, at: int) -> None:
         p[row, 9 * a + 8] -= e * d8
 
 
-@compiled_ieee
+@compiled_inside
 def _joseph(
     n: int, m: FloatArray, r: int, p: FloatArray, row: int, to: int, shrink: FloatArray, j: int, f: FloatArray
 ) -> None:
@@ -207,7 +207,7 @@ def _joseph(
             p[to, 9 * b + a] = total
 
 
-@compiled_ieee
+@compiled_inside
 def forbid_parallel_turn(sigma: float, x: FloatArray, p: FloatArray, row: int, f: FloatArray) -> None:
     """Pseudo-measurement w.v/|v| = 0 of position, velocity, turn rate in `row`, in place; `f` (162) is scratch."""
     v2 = x[row, 3] ** 2 + x[row, 4] ** 2 + x[row, 5] ** 2

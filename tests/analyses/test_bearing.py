@@ -330,6 +330,22 @@ def test_missing_snapshots_are_coasted_over(method: str) -> None:
     assert math.isfinite(value(result, "bearing_rms").value)
 
 
+@pytest.mark.parametrize("method", ["joint-ml", "modified", "music", "root-music"])
+@pytest.mark.parametrize("what", [0.0, np.nan])
+def test_a_recorder_that_drops_out_is_lived_through(method: str, what: float) -> None:
+    """Zeros or nothing from all sensors for a third of the record, at its start too: bearings where there are samples."""
+    truth = np.full((600, 1), 10.0)
+    samples = received(LINE, truth)
+    samples[:60] = what
+    samples[250:400] = what
+    trial = trial_of(samples, LINE, truth, start_bearing_deg=(10.2,))
+    result = rangeeval.bearing(trial, method=method)
+    assert value(result, "bearing_last", "T0").value == pytest.approx(math.radians(10.0), abs=math.radians(1.0))
+    numbers = [v for c in result.series["bearing/T0"].values() for v in c]
+    assert method in ("music", "root-music") or all(math.isfinite(v) for v in numbers)
+    rangeeval.bearing(trial_of(samples, LINE), targets="auto")
+
+
 def test_gaps_in_time_are_missing_snapshots() -> None:
     """Rows left out of the log are steps without a measurement, so rates stay right."""
     truth = paths(500)[:, :1]

@@ -11,7 +11,6 @@ from rangeeval.analyses.rcs import rcs
 from rangeeval.errors import RangeevalError
 from rangeeval.model import Bins, Trial, log_of
 from rangeeval.scenarios import scenario
-from rangeeval.scenarios.swerling import compare_methods
 
 
 def log(seed=1, n=600, sigma=2.0):
@@ -163,18 +162,3 @@ def test_one_detection_among_few_looks_is_said():
     data["detected"][0], data["amplitude"][0] = 1.0, 9.0
     row = of(rcs(trial_of(data), Bins(width=50e3, start=20e3), swerling="1", replicates=0), "rcs")[None]
     assert "few-detections" in row.flags
-
-
-@pytest.mark.slow
-def test_the_monte_carlo_table_stands_at_the_cramer_rao_bound():
-    """10,000 runs: the four likelihood methods agree within a standard error, and reach the bound at SNR 32 and 64."""
-    table = compare_methods()
-    assert len(table) == 24
-    for cell in table:
-        noise = cell.standard_error["ml-a"]
-        for method in ("em-a", "ml-b", "em-b"):
-            assert abs(cell.rms[method] - cell.rms["ml-a"]) < noise
-        if cell.snr >= 32:
-            assert abs(cell.rms["ml-a"] - cell.bound) < 4 * noise
-        else:
-            assert cell.rms["ml-a"] > cell.bound - 4 * noise

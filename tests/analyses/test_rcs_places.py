@@ -11,6 +11,7 @@ from rangeeval.cli import cli
 from rangeeval.errors import SettingsError
 from rangeeval.model import Bins, Trial, log_of
 from rangeeval.model.settings import settings_from
+from rangeeval.physics.radar_equation import sphere_rcs
 from rangeeval.stats.proportions import exact_interval, wilson_interval
 from rangeeval.stats.swerling import CASES, Looks, Windows
 from rangeeval.stats.swerling.likelihood import fit, profile_interval
@@ -228,6 +229,36 @@ def test_several_pulses_are_summed_and_per_pulse_cases_compared():
     aic = {r.group: r.value for r in result.rows if r.quantity == "aic_all_bins"}
     assert min(aic, key=aic.__getitem__) in ("2", "4", "free")
     assert aic["2"] < aic["1"] - 10
+
+
+def test_slow_fading_is_flagged():
+    """One fade for ten looks: consecutive amplitudes are alike, and every interval here would be too narrow."""
+    rng = np.random.default_rng(12)
+    z = rng.gamma(1 + rng.poisson(40.0 * np.repeat(rng.exponential(1.0, 60), 10)))
+    seen = z >= T
+    data = {"time_s": np.arange(600.0), "detected": seen.astype(float), "amplitude": np.where(seen, z, np.nan),
+            "snr_per_m2": np.full(600, 20.0), "threshold": np.full(600, T)}  # fmt: skip
+    row = rows_of(rcs(trial_of(data), Bins("time", 1e3), swerling="1", replicates=0), "rcs")[0]
+    assert "slow-fading" in row.flags
+    assert row.n_eff < 200
+
+
+@pytest.mark.parametrize("confidence", [0.8, 0.95])
+def test_a_sphere_gives_the_loop_gain(confidence):
+    """25 looks at 17 to 29 dB: the true gain in the interval, at 95 % about 0.16 dB either way."""
+    radius, wavelength, gain = 0.178, 299792458 / 5.3e9, 190.0
+    distance = np.geomspace(1.0, 2.0, 25)
+    distance *= (10 ** (0.1 * (gain - 29.0)) * sphere_rcs(radius, wavelength)) ** 0.25
+    snr = 10 ** (0.1 * (gain - 40 * np.log10(distance))) * sphere_rcs(radius, wavelength)
+    assert 10 * np.log10(snr[[0, -1]]) == pytest.approx([29.0, 17.0], abs=0.1)
+    z = np.random.default_rng(13).noncentral_chisquare(2, 2 * snr) / 2
+    data = {"time_s": np.arange(25.0), "detected": np.ones(25), "amplitude": z, "threshold": np.full(25, T),
+            "range_m": distance}  # fmt: skip
+    trial = trial_of(data, detections={"sphere_radius_m": radius}, radar_equation={"wavelength_m": wavelength})
+    (row,) = rows_of(rcs(trial, Bins(width=1e6), swerling="0", replicates=0, confidence=confidence), "loop_gain")
+    half = 0.5 * (row.high - row.low)
+    assert half == pytest.approx(0.16 if confidence == 0.95 else 0.16 * 1.2816 / 1.96, rel=0.25)
+    assert abs(row.value - gain) < 3 * half
 
 
 HEAD = "time_s,detected,amplitude,snr_per_m2,threshold\n"

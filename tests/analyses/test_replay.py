@@ -149,6 +149,19 @@ def test_plots_without_names_become_the_same_tracks():
         assert whole(found, "track_spuriousness").value < 0.02
 
 
+def test_a_target_lost_for_a_while_counts_as_lost_and_found():
+    """A gap of 60 s in the plots, none in the truth: one break, the missing share of completeness, no wild track."""
+    plots, true = target(n=300)
+    keep = (plots["time_s"] < 100) | (plots["time_s"] > 160)
+    plots = {n: np.asarray(c)[keep] for n, c in plots.items()}
+    result = replay(trial_of(plots, true, given(filter="imm")), BINS)
+    assert whole(result, "track_breaks", track="A").value == 1
+    assert whole(result, "identity_changes", track="A").value == 0
+    # Held while it coasts, until the 30 s of the restart are over.
+    assert 0.85 < whole(result, "track_completeness").value < 0.97
+    assert whole(result, "position_rms").value < 200
+
+
 def test_irregular_times_and_misses_are_no_trouble():
     """Three plots in five, at random times: still consistent."""
     rng = np.random.default_rng(11)

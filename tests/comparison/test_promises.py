@@ -51,8 +51,11 @@ def test_equal_trials_are_told_apart_no_more_often_than_stated(made_up, kind):
 
 
 @pytest.mark.slow
-def test_the_power_is_that_of_theory(made_up):
-    """Range sigma 1.4 times as large, 18 bins: found in a share of bins within 0.07 of what theory says."""
+def test_the_power_is_near_that_of_theory(made_up):
+    """Range sigma 1.4 times as large: found in a share of the bins at most 0.15 below what 18 full ones give in theory.
+
+    The outermost bins hold fewer updates, and where tracks happen to differ the intervals are wider.
+    """
     counts = made_up.shared_out("tracker", 1.4, 40, 1, ("range_sigma",))
     expected = float(made_up.power_in_theory(1.4, 150.0))
-    assert counts.claims["worse"] / counts.tests == pytest.approx(expected, abs=0.07)
+    assert expected - 0.15 < counts.claims["worse"] / counts.tests < expected + 0.03

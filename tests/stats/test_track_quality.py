@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rangeeval.stats.track_quality import (
@@ -32,6 +32,7 @@ def pairings(m, n):
                 yield list(zip(rows, columns, strict=True))
 
 
+@settings(deadline=None)  # a busy machine is no failure
 @given(points, points, st.sampled_from([(10.0, 1.0), (25.0, 2.0), (3.0, 3.0)]))
 def test_ospa_is_the_best_of_all_pairings(tracks, truths, how):
     """By enumeration: every pairing of the smaller set, the rest at the cutoff."""
@@ -49,6 +50,7 @@ def test_ospa_is_the_best_of_all_pairings(tracks, truths, how):
     assert found.localisation**p + found.cardinality**p == pytest.approx(found.total**p)
 
 
+@settings(deadline=None)  # a busy machine is no failure
 @given(points, points, st.sampled_from([(10.0, 1.0), (25.0, 2.0)]))
 def test_gospa_is_the_best_of_all_partial_pairings(tracks, truths, how):
     """By enumeration: any subset of pairs, whatever is left costs half the cutoff's power."""

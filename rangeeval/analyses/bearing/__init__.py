@@ -205,7 +205,8 @@ def _look(
             f"({ambiguity.level_db:.1f} dB); sector_deg in [array] says where sources can be",
         ))  # fmt: skip
     known = tracked.targets if tracked is not None else 1
-    if ambiguity.tells_mirror and mirrored(recording.geometry, recording.snapshots[:_LOOKED_AT], known):
+    some = recording.snapshots[recording.usable][:_LOOKED_AT]
+    if ambiguity.tells_mirror and len(some) > recording.geometry.sensors and mirrored(recording.geometry, some, known):
         flags += ("mirrored",)
         problems.append(Problem(
             recording.where,

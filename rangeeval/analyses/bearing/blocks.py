@@ -84,6 +84,8 @@ def spectra(recording: Recording, sources: int) -> list[Spectrum]:
         if np.count_nonzero(recording.usable[part]) * recording.bins < sensors:
             continue
         cov = covariance(recording.snapshots[part])
+        if not np.real(np.trace(cov, axis1=-2, axis2=-1)).min() > 0:
+            continue
         known = min(max(sources, 1), sensors - 1)
         found.append(
             Spectrum(
@@ -107,7 +109,10 @@ def counts(recording: Recording, blocks: int = MOST_COLUMNS) -> Counts:
         usable = int(np.count_nonzero(recording.usable[part]))
         if usable < block // 2:
             continue
-        found = count_sources(covariance(recording.snapshots[part]), usable)
+        cov = covariance(recording.snapshots[part])
+        if not np.real(np.trace(cov, axis1=-2, axis2=-1)).min() > 0:  # silence: a recorder that dropped out
+            continue
+        found = count_sources(cov, usable)
         times.append(float(recording.time_s[part].mean()))
         mdl.append(found.mdl)
         aic.append(found.aic)

@@ -100,6 +100,8 @@ def gather_recording(
         snapshots, frequency = samples, np.array([array.frequency_hz])
     else:
         time, interval, snapshots, frequency = _apart(where, array_left, time, interval, samples)
+    time, snapshots, more = _heard(where, time, snapshots)
+    problems += more
     geometry = geometry_of(array_left, frequency, where)
     flags = tuple(
         flag
@@ -172,6 +174,24 @@ def _even(where: str, time: Floats, samples: NDArray[Any]) -> tuple[Floats, NDAr
         filled[place] = samples
         samples, time = filled, time[0] + interval * np.arange(count)
     return time, samples, interval, problems
+
+
+def _heard(where: str, time: Floats, snapshots: Complex) -> tuple[Floats, Complex, list[Problem]]:
+    """From the first whole snapshot to the last; those of a recorder that dropped out (zero in all) are missing."""
+    flat = snapshots.reshape(len(snapshots), -1)
+    silent = (flat == 0).all(axis=1)
+    problems = []
+    if silent.any():
+        reason = "snapshots that are zero in all sensors (a recorder that dropped out); they are not used"
+        problems.append(Problem(where, reason, int(np.count_nonzero(silent))))
+        snapshots = snapshots.copy()
+        snapshots[silent] = np.nan
+        flat = snapshots.reshape(len(snapshots), -1)
+    whole = np.flatnonzero(np.isfinite(flat).all(axis=1))
+    if len(whole) < 2:
+        raise InputError(f"{where}: {len(whole)} of its {len(snapshots)} snapshots are whole; bearings need many")
+    used = slice(whole[0], whole[-1] + 1)
+    return time[used], snapshots[used], problems
 
 
 def _health_problems(where: str, names: tuple[str, ...], health: ArrayHealth) -> list[Problem]:

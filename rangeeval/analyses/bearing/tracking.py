@@ -201,9 +201,9 @@ def _per_block(recording: Recording, how: How, flags: tuple[str, ...]) -> Tracke
         if np.count_nonzero(whole) < max(2, sensors // bins):
             continue
         cov = covariance(part)
-        found = np.asarray(estimate(geometry, cov, targets))
         total = float(np.real(np.trace(cov, axis1=-2, axis2=-1)).sum()) / sensors
-        if not total > 0 or not len(found):
+        found = np.asarray(estimate(geometry, cov, targets)) if total > 0 else np.empty(0)
+        if not len(found):
             continue
         coherence[i] = float(beamformer(geometry, cov, grid).max()) / total
         place, kept = _matched(bearing[:i], found, targets, _FAR_BEAMS * beam)

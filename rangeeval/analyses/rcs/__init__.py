@@ -141,7 +141,9 @@ def rcs(
     law = RangeLaw.of(gathered.looks, gathered.range_m)
     done = _windows(gathered, whole, np.arange(len(gathered.looks)), [Place()], all_fits, bins, chosen, made, rng)
     rows += [row for w in done for row in window_rows(w, how, chosen, among, model_s)]
-    rows += _trial_rows(done[0], gathered, binned, windows, fits, chosen, choice, shape, law, model_s, trial)
+    rows += _trial_rows(
+        done[0], gathered, binned, windows, fits, chosen, choice, shape, law, model_s, trial, confidence
+    )
     if places:
         for w in _windows(binned, windows, np.arange(len(order)), places, fits, bins, chosen, made, rng):
             rows += window_rows(w, how, chosen, among, model_s)
@@ -285,6 +287,7 @@ def _windows(
 def _trial_rows(
     whole: Window, gathered: Gathered, binned: Gathered, windows: Windows, fits: Mapping[str, CaseFit],
     chosen: Case, choice: Choice, shape: Shape | None, law: RangeLaw | None, model_s: Floats, trial: Trial,
+    confidence: float,
 ) -> list[Estimate]:  # fmt: skip
     """What only the whole trial can tell: one RCS for all bins or not, which case, how far."""
     rows = []
@@ -307,11 +310,11 @@ def _trial_rows(
             ))  # fmt: skip
     radius = trial.settings.detections.sphere_radius_m
     if radius is not None:
-        rows.append(_loop_gain(whole, gathered, radius, trial))
+        rows.append(_loop_gain(whole, gathered, radius, trial, confidence))
     return rows
 
 
-def _loop_gain(whole: Window, gathered: Gathered, radius: float, trial: Trial) -> Estimate:
+def _loop_gain(whole: Window, gathered: Gathered, radius: float, trial: Trial, confidence: float) -> Estimate:
     """The loop gain from looks at a sphere: a steady target of known RCS, misses counted."""
     equation = trial.settings.radar_equation
     assert equation.wavelength_m is not None
@@ -321,7 +324,7 @@ def _loop_gain(whole: Window, gathered: Gathered, radius: float, trial: Trial) -
     known = sphere_rcs(radius, equation.wavelength_m)
     one = Windows.whole(gathered.looks)
     best = fit(gathered.looks, one, CASES["0"])
-    low, high = profile_interval(gathered.looks, one, CASES["0"], best)
+    low, high = profile_interval(gathered.looks, one, CASES["0"], best, confidence)
     db = [
         (assumed or 0.0) + 10.0 * math.log10(v / known) if 0 < v < math.inf else math.nan
         for v in (float(best.s[0]), float(low[0]), float(high[0]))

@@ -189,7 +189,7 @@ def window_flags(looks: Looks, bins: Bins, p: Mapping[str, float], correlation: 
         flags.append("poor-fit")
     rho, pairs = correlation
     if pairs and rho > 2.58 / math.sqrt(pairs):
-        flags.append("correlated")
+        flags.append("slow-fading")
     return tuple(flags)
 
 

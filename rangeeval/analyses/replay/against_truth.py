@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,7 +139,7 @@ def error_rows(u: Updates, found: Compared, place: Place, confidence: float, fla
     nees = normalised_squares(found.error[used][:, keep], u.covariance[used][:, keep][:, :, keep])
     n = int(np.count_nonzero(np.isfinite(nees)))
     if n:
-        value, dof = mean(nees, confidence, mark), len(keep)
+        value, dof = mean(nees, confidence, mark).from_zero(), len(keep)
         low, high = (dof * float(v) for v in average_bounds(dof, n, confidence))
         verdict = ["optimistic"] if value.value > high else ["pessimistic"] if value.value < low else []
         more = {"expected": float(dof), "accept_low": low, "accept_high": high}
@@ -166,8 +166,8 @@ def scene(gathered: Gathered, runs: Sequence[Run], paths: Mapping[str, TruePath]
     time = [run.measurements.time_s for run in runs]
     step = max(gathered.interval_s, 1e-3)
     first, last = min(float(t[0]) for t in time), max(float(t[-1]) for t in time)
-    alive = sum(float(t[-1] - t[0]) for t in time) / max(last - first, step)  # tracks at a time, on average
-    room = min(SCANS, int(PAIRS / (max(alive, 1.0) * max(len(paths), 1))), int(PAIRS / len(runs)))
+    at_once = sum(float(t[-1] - t[0]) for t in time) / max(last - first, step)  # tracks at a time, on average
+    room = min(SCANS, int(PAIRS / (max(at_once, 1.0) * max(len(paths), 1))), int(PAIRS / len(runs)))
     count_ = max(min(int((last - first) / step) + 1, room), 2)
     at = np.linspace(first, last, count_)
     tracks = np.full((count_, len(runs), 3), np.nan)
@@ -180,6 +180,7 @@ def scene(gathered: Gathered, runs: Sequence[Run], paths: Mapping[str, TruePath]
         t = run.measurements.time_s[alive]
         k = np.searchsorted(t, at + 1e-9, side="right") - 1
         there = (k >= 0) & (at <= t[-1] + 0.5 * step)
+        there &= at - t[np.maximum(k, 0)] <= run.filter.restart_gap_s  # longer, and the track was given up meanwhile
         rows, dt = alive[k[there]], at[there] - t[k[there]]
         there_rows = np.flatnonzero(there)
         tracks[there_rows, i] = run.state[rows, :3] + run.state[rows, 3:] * dt[:, None]
@@ -200,7 +201,7 @@ def set_rows(s: Scene, names: Sequence[str], bins: Bins, own: ReplaySettings, co
         g.append(gospa(apart, cutoff, ORDER))
     whole = Place(np.ones(0, bool))
     rows = [
-        whole.row(name, unit, _from_zero(mean(values, confidence)))
+        whole.row(name, unit, mean(values, confidence).from_zero())
         for name, unit, values in (
             ("ospa", "m", [v.total for v in o]),
             ("ospa_localisation", "m", [v.localisation for v in o]),
@@ -226,11 +227,6 @@ def set_rows(s: Scene, names: Sequence[str], bins: Bins, own: ReplaySettings, co
     if pure:
         rows.append(whole.row("track_purity", "1", mean(np.array(pure), confidence)))
     return rows
-
-
-def _from_zero(found: Interval) -> Interval:
-    """The interval of a distance, which cannot be negative."""
-    return replace(found, low=max(found.low, 0.0)) if math.isfinite(found.low) else found
 
 
 def associate(s: Scene, own: ReplaySettings) -> Association:

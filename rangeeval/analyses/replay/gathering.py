@@ -78,7 +78,7 @@ def gather_tracks(trial: Trial, method: str | None = None, progress: Callable[[i
         stray = sum(len(p) for p in log.targets) - sum(len(p) for p in targets)
     else:
         tracks, noise, grouping, stray = _associated(log, method, trial)
-        counts = f"{grouping.tracks} tracks of {grouping.batches} batches, a plot every {grouping.revisit_s:.4g} s each"
+        counts = f"tracks found: {grouping.tracks}, with a plot every {grouping.revisit_s:.4g} s"
         problems.append(Problem(log.source, f"plots were given to tracks by association ({method}): {counts}"))
     if stray:
         problems.append(Problem(log.source, "plots that belong to no track (clutter, or too few to start one)", stray))

@@ -72,7 +72,7 @@ def innovation_rows(u: Updates, place: Place, bins: Bins, confidence: float, noi
     n = int(np.count_nonzero(used))
     flags = common_flags(u, place, bins, n, noise)
     nis, dof = u.nis[used], u.dof[used]
-    found = mean(nis, confidence, u.track[used])
+    found = mean(nis, confidence, u.track[used]).from_zero()
     bounds = nis_bounds(dof, confidence)
     verdict = []
     if n and bounds[0] <= bounds[1]:

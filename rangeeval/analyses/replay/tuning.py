@@ -20,6 +20,7 @@ from rangeeval.tracking.tuning import Parameter
 
 HELD_OUT = 4  # every fourth track judges the tuning, where there are so many
 FEWEST_UPDATES = 20
+UNBOUNDED = 300.0  # high over low end of an interval that says nothing
 FEW_WILD = 0.02  # share of plots outside the gate up to which they are taken for wild ones
 # Floors keep the search off edges that no real target supports: a simulated one that is exactly straight wants no
 # process noise at all.
@@ -122,6 +123,8 @@ def _parameters(spec: Filter, *, planar: bool) -> tuple[Parameter, ...]:
 
 def _value(p: Parameter, sigma: tuple[float, float, float], found: Interval) -> Value:
     at_floor = found.value <= 1.001 * p.floor or found.value >= 0.9999 * p.ceiling
+    if p.kind != "stay" and found.high > UNBOUNDED * found.low:  # the curvature is as good as none
+        found = replace(found, low=math.nan, high=math.nan)
     if p.kind != "noise":
         name, unit = _NAMES[p.kind]
         return Value(f"{name}_{p.index + 1}", unit, found, at_floor)
