@@ -80,7 +80,9 @@ def cluster_client(address: str) -> Iterator[Any]:
     """A client of the scheduler at an address. Raises ClusterLost when it or its workers are missing."""
     distributed = _distributed()
     where = one_line(address, 100)
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    for name in list(logging.root.manager.loggerDict):  # what dask would say in tracebacks, we say in one line
+        if name.partition(".")[0] == "distributed":
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         _check_scheme(address)
         client = distributed.Client(address, timeout=WAIT_SECONDS)
@@ -132,6 +134,7 @@ def _handed_out(
 ) -> Iterator[tuple[Job, Outcome | None]]:
     """Each job with its outcome, or with None when its workers died."""
     distributed = _distributed()
+    from distributed.client import FutureCancelledError, FuturesCancelledError
     from distributed.scheduler import KilledWorker
 
     waiting = iter(jobs)
@@ -157,7 +160,7 @@ def _handed_out(
                     yield job, Outcome.from_json(future.result())
                 except KilledWorker:
                     yield job, None
-    except (OSError, distributed.client.FutureCancelledError, ClusterLost) as error:
+    except (OSError, ClusterLost, FutureCancelledError, FuturesCancelledError) as error:
         raise ClusterLost(
             "the dask scheduler went away; results so far are safe, the same command goes on from there"
         ) from error

@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -74,13 +75,38 @@ def started(*arguments, until=None):
 
 
 def test_a_cluster_gives_the_bytes_of_one(crowd):
-    """`dask scheduler`, then `dask worker ADDRESS`, on loopback; a scheduler that goes away is one line."""
+    """`dask scheduler`, then `dask worker ADDRESS`, on loopback."""
     quiet = ("--no-dashboard", "--host", "127.0.0.1")
     with started("scheduler", *quiet, "--port", "0", until=r"tcp://127[^\s]*\d") as (_, address):
         with started("worker", address, *quiet, "--nworkers", "1", "--nthreads", "2"):
             done = evaluate(crowd / "trials", "-o", crowd / "three", "--scheduler", address)
         assert_quiet(done)
         assert_same(crowd / "one", crowd / "three")
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_goes_away_is_one_line(tmp_path):
+    """In the middle of a run; results so far stay."""
+    for i in range(40):
+        small_trial(tmp_path / "trials" / f"t{i:02d}", i)
+    out = tmp_path / "out"
+    quiet = ("--no-dashboard", "--host", "127.0.0.1")
+    command = [sys.executable, "-m", "rangeeval", "evaluate", tmp_path / "trials", "-o", out, "--scheduler"]
+    with (
+        started("scheduler", *quiet, "--port", "0", until=r"tcp://127[^\s]*\d") as (scheduler, address),
+        started("worker", address, *quiet, "--nthreads", "1"),
+        subprocess.Popen([*command, address], stderr=subprocess.PIPE, text=True, cwd=ROOT) as driver,
+    ):
+        deadline = time.monotonic() + 120
+        while not (out.is_dir() and any(out.glob("t*.json"))):
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        scheduler.kill()
+        said = driver.communicate(timeout=60)[1]
+    lines = [line for line in said.splitlines() if not re.fullmatch(r"rangeeval: \d+ of 40 trials, 0 failed", line)]
+    assert driver.returncode == 1
+    assert len(lines) == 1
+    assert "the same command goes on from there" in lines[0]
 
 
 def test_a_scheduler_that_is_not_there_is_one_line(crowd, tmp_path):
