@@ -208,6 +208,7 @@ def test_a_free_shape_on_request():
     (value,) = [r.value for r in rows_of(result, "log_likelihood", group="free") if r.variable is None]
     (aic,) = [r.value for r in rows_of(result, "aic", group="free") if r.variable is None]
     assert aic == pytest.approx(4 - 2 * value)
+    assert rows_of(result, "aic")[0].value == aic
     assert result.settings["case"] == "free"
     assert "K = " in str(result.settings["case_verdict"])
 

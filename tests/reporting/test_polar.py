@@ -56,6 +56,8 @@ def test_intervals_are_radial_and_limits_are_left_out():
     line = next(m for m in panel.marks if m.kind == "line" and m.role == "measured")
     across, up = np.array(line.x)[-3:-1], np.array(line.y)[-3:-1]
     assert across[1] - across[0] > 0
+    arc = np.array(line.x)[:3], np.array(line.y)[:3]  # from 85 degrees on: to the right, a little up
+    assert arc[0][0] > 5 * arc[1][0] > 0
     np.testing.assert_allclose(up, 0, atol=1e-12)
 
 

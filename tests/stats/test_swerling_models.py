@@ -8,7 +8,7 @@ from mpmath import mp
 from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.special import gammaincc, ndtr
-from scipy.stats import kstest, nbinom
+from scipy.stats import chi2, kstest, nbinom
 
 from rangeeval.stats.swerling import CASES, MISS, Case, Looks, Windows
 from rangeeval.stats.swerling import detection as pd
@@ -301,6 +301,9 @@ def test_homogeneity_has_its_size_and_sees_a_change():
             seen += homogeneity(other, windows, CASES["3"], ml.fit(other, windows, CASES["3"])).p_value < 0.01
     assert 3 <= small <= 20
     assert seen >= 19
+    test = homogeneity(other, windows, CASES["3"], ml.fit(other, windows, CASES["3"]))
+    assert test.degrees == 3
+    assert test.p_value == pytest.approx(chi2.sf(test.statistic, 3), rel=1e-9)
 
 
 def test_looks_that_follow_each_other_are_noticed():
