@@ -66,6 +66,7 @@ def _local_cluster(distributed: Any, workers: int) -> Any:
                 host="127.0.0.1",
                 security=distributed.Security.temporary(),
                 dashboard_address=None,
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # its status: any port, this machine only
                 memory_limit=0,  # the work is done in children, which dask does not count
                 silence_logs=logging.CRITICAL,
             )
