@@ -12,6 +12,7 @@ from rangeeval.analyses.rcs.gathering import Gathered
 from rangeeval.analyses.rcs.numbers import RangeLaw
 from rangeeval.stats.swerling import DETECTION, Case, Looks
 from rangeeval.stats.swerling.detection import detection_probability
+from rangeeval.stats.swerling.likelihood import in_closed_form
 
 Floats = NDArray[np.float64]
 Columns = Mapping[str, list[float]]
@@ -60,9 +61,10 @@ def amplitude_series(gathered: Gathered, s_of_look: Mapping[str, Floats], cases:
     found: dict[str, Columns] = {
         "amplitudes": {"low_db": edges[:-1].tolist(), "high_db": edges[1:].tolist(), "count": counts.tolist()}
     }
-    chosen = np.unique(np.linspace(0, len(looks) - 1, MODELLED).round().astype(int))
-    some = looks.take(np.asarray(chosen, np.int64))
     for case in cases:
+        most = MODELLED if in_closed_form(looks, case) else MODELLED // 8  # a series of thousands of terms each
+        chosen = np.unique(np.linspace(0, len(looks) - 1, most).round().astype(int))
+        some = looks.take(np.asarray(chosen, np.int64))
         s = s_of_look[case.name][chosen]
         expected = _expected(some, case, s, 10.0 ** (0.1 * edges)) * len(looks) / len(chosen)
         found[f"amplitudes/{case.name}"] = {"low_db": edges[:-1].tolist(), "expected": expected.tolist()}
