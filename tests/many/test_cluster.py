@@ -135,6 +135,7 @@ def test_without_the_extra_several_workers_say_which(monkeypatch):
         pass
 
 
+@pytest.mark.slow
 def test_kills_lose_no_good_trial_and_name_the_guilty(tmp_path):
     """A trial that kills its process, a worker and the driver killed from outside."""
     found = evaluate_campaign(tmp_path, trials=8, poison=1, worker_kills=1, driver_kills=1, killers=0)
