@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-import time
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -80,28 +80,32 @@ def warn(problems: Iterable[Problem]) -> None:
 
 @contextlib.contextmanager
 def progress(label: str) -> Iterator[Callable[[int], None] | None]:
-    """Rows read so far on standard error, once it takes over a second; nothing when that is not a terminal."""
+    """That it is at work, and the rows read so far, on standard error, once it takes over a second.
+
+    Nothing when that is not a terminal. The clock starts it, not a row: a kernel's first use compiles for a while.
+    """
     if not sys.stderr.isatty():
         yield None
         return
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    columns = (SpinnerColumn(), TextColumn("{task.description} {task.completed:,.0f} rows"), TimeElapsedColumn())
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     bar = Progress(*columns, console=Console(stderr=True), transient=True)
     task = bar.add_task(label, total=None)
-    started = time.monotonic()
-    live = False
+    read = 0
 
     def advance(rows: int) -> None:
-        nonlocal live
-        if not live and time.monotonic() - started > 1.0:
-            bar.start()
-            live = True
-        bar.advance(task, rows)
+        nonlocal read
+        read += rows
+        bar.update(task, description=f"{label} {read:,} rows")
 
+    late = threading.Timer(1.0, bar.start)
+    late.daemon = True
+    late.start()
     try:
         yield advance
     finally:
-        if live:
-            bar.stop()
+        late.cancel()
+        late.join()
+        bar.stop()
