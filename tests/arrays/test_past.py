@@ -6,7 +6,7 @@ import pytest
 from rangeeval.arrays.geometry import line
 from rangeeval.arrays.manifold import manifold, steering
 from rangeeval.arrays.options import COASTED, MISSING, UNRESOLVED, PastOptions
-from rangeeval.arrays.past import innovations, left_over, past, scratch
+from rangeeval.arrays.past import filled_up, innovations, left_over, past, scratch
 from rangeeval.arrays.tracker import track
 from tests.arrays.made import ARC, LINE, RNG, SCATTERED, SPEED, normal, response, snapshots
 
@@ -14,7 +14,7 @@ from tests.arrays.made import ARC, LINE, RNG, SCATTERED, SPEED, normal, response
 def split(basis):
     """Real and imaginary part of a basis, with room for responses beside it, as the kernels hold it."""
     m, n = basis.shape
-    real, imag = np.zeros((m, 3 * n)), np.zeros((m, 3 * n))
+    real, imag = np.zeros((m, filled_up(3 * n))), np.zeros((m, filled_up(3 * n)))
     real[:, :n], imag[:, :n] = basis.real, basis.imag
     return real, imag
 
