@@ -110,7 +110,8 @@ def read_together(files: Sequence[SourceFile]) -> Contents:
                     data = stream.read(4 * (stop - start))
                     if len(data) < 4 * (stop - start):
                         raise InputError(f"{channel.file.name}: was cut off while it was read")
-                    samples[:, i] = np.frombuffer(data, f"{channel.order}f4")
+                    with np.errstate(invalid="ignore"):  # a NaN that signals becomes one that does not
+                        samples[:, i] = np.frombuffer(data, f"{channel.order}f4")
                 return None, samples
 
             yield read_rows
