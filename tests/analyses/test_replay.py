@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 import rangeeval
 from rangeeval.analyses.replay import replay, run_replay
+from rangeeval.analyses.replay.logs import as_csv
 from rangeeval.cli import cli
 from rangeeval.errors import RangeevalError
 from rangeeval.model import Bins, Trial, log_of
@@ -470,3 +471,14 @@ def test_the_command_writes_residuals_and_prints_results(tmp_path):
     assert "NIS ratio" in table.output
     rows = run.invoke(cli, ["replay", "sample_logs/attitude", "--filter", "kalman", "--format", "csv"])
     assert "nis_mean" in set(pd.read_csv(io.StringIO(rows.stdout)).quantity)
+
+
+def test_a_written_log_keeps_every_digit_of_its_times():
+    """Seconds since 1970 with microseconds are read back as they were: 1.7 thousand million is no reason to round."""
+    time = np.array([1.7e9 + 0.123456, 1.7e9 + 1.123456])
+    written = as_csv({"time_s": time, "target_id": ["A", "A"], "range_m": np.array([1 / 3, np.nan])})
+    head, *rows = (line.split(",") for line in written.splitlines())
+    assert head == ["time_s", "target_id", "range_m"]
+    assert [float(row[0]) for row in rows] == time.tolist()
+    assert float(rows[0][2]) == 1 / 3
+    assert rows[1][2] == ""

@@ -112,4 +112,4 @@ def as_csv(columns: Columns) -> str:
     """The columns as CSV text: full precision, missing values empty."""
     import pandas as pd
 
-    return str(pd.DataFrame(dict(columns)).to_csv(index=False, lineterminator="\n", float_format="%.10g"))
+    return str(pd.DataFrame(dict(columns)).to_csv(index=False, lineterminator="\n"))
