@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rangeeval.model import SensorArray
+from rangeeval.physics.pointing import wrapped
 
 Floats = NDArray[np.float64]
 
@@ -42,12 +43,6 @@ class Frame:
     def of_compass(self, compass_rad: ArrayLike) -> Floats:
         """Bearings of the array from those clockwise from north."""
         return wrapped(self.sense * (np.asarray(compass_rad, dtype=np.float64) - self.heading_rad))
-
-
-def wrapped(angle_rad: ArrayLike) -> Floats:
-    """Angles from -pi to pi."""
-    angle = np.asarray(angle_rad, dtype=np.float64)
-    return np.asarray(np.mod(angle + math.pi, 2 * math.pi) - math.pi)
 
 
 __all__ = ["Frame", "wrapped"]
