@@ -11,7 +11,7 @@ from pathlib import Path
 from rangeeval.errors import InputError, one_line
 from rangeeval.model import Log, Problem, SensorArray, Source, Trial, TrialSettings
 from rangeeval.model.settings import LogSettings
-from rangeeval.parsers import archive, hdf5, numpy_files, parquet, sac, text
+from rangeeval.parsers import archive, hdf5, matlab, numpy_files, parquet, sac, text
 from rangeeval.parsers.blocks import Contents, SourceFile
 from rangeeval.parsers.hashing import sha256_of
 from rangeeval.parsers.settings import FILE, file_of, read_settings
@@ -34,6 +34,8 @@ class Format:
 # Asked in this order; text last, since a binary file may begin like text.
 FORMATS: dict[str, Format] = {
     "hdf5": Format(hdf5.recognises, hdf5.read),
+    "matlab": Format(matlab.recognises, matlab.read),
+    "matlab-7.3": Format(matlab.recognises_hdf5, matlab.read),
     "parquet": Format(parquet.recognises, parquet.read),
     "npz": Format(numpy_files.recognises_npz, numpy_files.read_npz),
     "npy": Format(numpy_files.recognises_npy, numpy_files.read_npy),
