@@ -38,9 +38,11 @@ NUMBERS = {name: values for name, values in COLUMNS.items() if values.dtype.kind
 IDS = COLUMNS["track_id"].tolist()
 
 
-def save5(path: Path, variables: Mapping[str, Any]) -> None:
+def save5(path: Path, variables: Mapping[str, Any], packed: bool = True) -> None:
     with path.open("wb") as file:
-        scipy.io.savemat(file, {n: _for_scipy(v) for n, v in variables.items()}, oned_as="column", do_compression=True)
+        scipy.io.savemat(
+            file, {n: _for_scipy(v) for n, v in variables.items()}, oned_as="column", do_compression=packed
+        )
 
 
 def _for_scipy(value: Any) -> Any:
