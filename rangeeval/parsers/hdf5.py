@@ -173,12 +173,12 @@ def audit(path: str) -> dict[str, Any]:
 class Audited:
     """An HDF5 file in the child: what may be opened of it. Raises InputError for what is refused."""
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, **options: Any) -> None:
         import h5py
 
         self.h5py = h5py
         try:
-            self.file = open_file(h5py, path)
+            self.file = open_file(h5py, path, **options)
         except OSError as error:
             text = str(error)
             if "truncated" in text:

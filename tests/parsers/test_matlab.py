@@ -334,7 +334,7 @@ def test_columns_of_different_lengths_are_one_line(save: Save, tmp_path: Path) -
         (mat5(element(15, zlib.compress(matrix("time_s", np.arange(9.0)))[:-6])), "damaged"),
         (b"MATLAB 7.3 MAT-file".ljust(512) + b"\x89HDF\r\n\x1a\n", "damaged or not HDF5"),
         (b"MATLAB 7.3 MAT-file", "damaged or not HDF5"),
-        (mat5(), "its variables are no columns of a log: there are none"),
+        (mat5(), "none of its variables is a column of a log: there are none"),
     ],
     ids=range(10),
 )  # fmt: skip

@@ -26,7 +26,7 @@ from rangeeval.parsers.found import Described, contents
 from rangeeval.parsers.matlab.version import HEADER_BYTES, known_order, version
 
 _TABLES = "rangeeval.parsers.matlab.tables"
-SECONDS = 120.0  # a cell array of a million texts takes SciPy ten
+SECONDS = 50.0  # a cell array of a million texts takes SciPy ten
 
 
 def recognises(head: bytes, path: Path) -> bool:
@@ -51,8 +51,8 @@ def read(file: SourceFile) -> Contents:
     looked = safe.call(_TABLES, "look", str(file.path), file.name, times, seconds=SECONDS)
     child = _Child(str(file.path), times)
     nothing = (
-        f"its variables are no columns of a log: {looked['about']}. A log is a struct of vectors; columns under "
-        "[[logs]] in trial.toml gives them other names, also those of a matrix, such as 'data(:,1)'"
+        f"none of its variables is a column of a log: {looked['about']}. Columns under [[logs]] in trial.toml give "
+        "them other names, also those of a matrix: 'data(:,1)'"
     )
     return contents(file, looked, child.reader, child.opened, nothing)
 
@@ -86,9 +86,8 @@ class _Child:
             wanted = [usable[f.position] for f in fields]
             asked = [(c["name"], c["dtype"], 1) for c in wanted if c["name"] not in held]
             rows = wanted[0]["rows"]
-            size = min(
-                CHUNK_ROWS, safe.LARGEST_BUFFER // max(1, sum(np.dtype(dtype).itemsize for _, dtype, _ in asked))
-            )
+            row_bytes = sum(np.dtype(dtype).itemsize for _, dtype, _ in asked)
+            size = min(CHUNK_ROWS, safe.LARGEST_BUFFER // max(row_bytes, 1))
             no_parts: Iterator[list[NDArray[Any]]] = ([] for _ in range(0, max(rows, 1), size))
             pieces = self.parts(where, table["path"], asked, rows, size) if asked else no_parts
             for start, parts in zip(count(0, size), pieces, strict=False):

@@ -28,11 +28,13 @@ from rangeeval.parsers.samples import is_pair
 
 _MAX_TEXT = 16 << 20
 _SMALL = 4096
+_CACHE_BYTES = 64 << 20
 
 
 def variables(path: str, wanted: Wanted | None = None) -> dict[str, Value]:
     """The variables of a file, or what of them is wanted. Raises InputError for what is refused."""
-    file = _File(path)
+    # The columns of a matrix lie in the same chunks, and are asked for one after the other.
+    file = _File(path, rdcc_nbytes=_CACHE_BYTES, rdcc_nslots=10_007)
     file.wanted = wanted
     return file.fields(file.file, "/", 0)
 

@@ -25,7 +25,8 @@ from rangeeval.parsers.matlab.version import HEADER_BYTES, version
 
 _WIDEST_MATRIX = 64  # columns that may be named one by one
 _WIDEST_TEXT = 256
-_SHOWN = 5
+_SHOWN = 4
+_MOST_NOTES = 20
 _MOST_HELD = 500_000
 
 
@@ -82,14 +83,14 @@ def look(path: str, times: Names) -> dict[str, Any]:
     """
     variables = _variables(path)
     tables = list(_tables("", variables, times, 0))
-    held = sum(column.rows for table in tables for column in table.columns if column.cells) <= _MOST_HELD
+    hold = sum(column.rows for table in tables for column in table.columns if column.cells) <= _MOST_HELD
     about = [f"{one_line(name, 60)} ({_words(name, value)})" for name, value in list(variables.items())[:_SHOWN]]
     if len(variables) > _SHOWN:
         about.append(f"{len(variables) - _SHOWN} more")
     return {
-        "tables": [_described(table, times, held) for table in tables if table.columns],
+        "tables": [_described(table, times, hold) for table in tables if table.columns],
         "arrays": [array for table in tables if (array := _array(table)) is not None],
-        "notes": [note for table in tables for note in table.notes],
+        "notes": [note for table in tables for note in table.notes][:_MOST_NOTES],
         "about": "; ".join(about) or "there are none",
     }
 
@@ -143,14 +144,14 @@ def _is_time(name: str, times: Names) -> bool:
     return name.casefold() in samples.TIMES or plain(name) in times
 
 
-def _described(table: _Table, times: Names, held: bool) -> dict[str, Any]:
+def _described(table: _Table, times: Names, hold: bool) -> dict[str, Any]:
     """A table for the parent; what was made of cells comes with its values. What is single holds for all times."""
     length = next((c.rows for c in table.columns if c.kind == "number" and _is_time(c.name, times)), 0)
     keys = ("name", "kind", "rows", "dtype", "of_matrix", "single")
     columns = []
     for column in (column.over(length) for column in table.columns):
         columns.append({key: getattr(column, key) for key in keys})
-        if held and column.cells and column.kind != "other":
+        if hold and column.cells and column.kind != "other":
             values = column.read(0, column.rows).tolist()
             columns[-1]["values"] = [v.decode() for v in values] if column.kind == "text" else values
     return {"path": table.path, "stage": table.stage, "columns": columns}
@@ -262,5 +263,5 @@ def _words(name: str, value: Value) -> str:
 
 
 def _names(struct: Struct) -> str:
-    names = [one_line(name, 40) for name in list(struct.fields)[:8]]
+    names = [one_line(name, 40) for name in list(struct.fields)[:5]]
     return ", ".join(names) + (", ..." if len(struct.fields) > len(names) else "")

@@ -29,7 +29,7 @@ class Stored:
     def __getitem__(self, place: tuple[slice | int, slice | int]) -> NDArray[Any]:
         rows, columns = place
         if self.dataset.ndim == 1:  # not MATLAB's own, which knows no vectors
-            return as_complex(self.dataset[()]).reshape(self.shape)[place]
+            return as_complex(self.dataset[rows])[:, None][:, columns]
         return as_complex(self.dataset[columns, rows]).T
 
 
