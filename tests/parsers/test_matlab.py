@@ -474,6 +474,15 @@ def test_recognised_by_content() -> None:
     assert version(b"Octave's own header".ljust(124) + b"\0\1IM") == "5"
 
 
+def test_version_73_as_others_write_it(tmp_path: Path) -> None:
+    """Vectors of one dimension and no word of MATLAB's classes."""
+    with Matlab73(tmp_path / "log") as made:
+        for name, values in NUMBERS.items():
+            made.file[name] = values
+        made.file["complex"] = PHASES
+    same(read(tmp_path / "log"), NUMBERS)
+
+
 SCIPY = Path(scipy.io.matlab.__file__).parent / "tests" / "data"
 
 
