@@ -8,6 +8,7 @@ of the array, and whether they are `likely` samples. `notes`: what is to be know
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -44,7 +45,11 @@ def contents(
     for table in looked["tables"]:
         if any(found["path"] == table["path"] for found in arrays) and _only_times(table):
             continue
-        log, found = _table(file, table, reader)
+        try:
+            log, found = _table(file, table, reader)
+        except InputError as error:
+            # What could not be looked at may be what is missing.
+            raise InputError("; ".join([str(error), *looked["notes"][:1]])) from None
         if log is not None:
             logs.append(log)
             problems += found
@@ -74,9 +79,13 @@ def _table(file: SourceFile, table: Described, reader: TableReader) -> tuple[Log
     # The columns of a matrix have no name but their place, so only trial.toml makes them columns of a log.
     columns = [c for c in table["columns"] if not c.get("of_matrix") or plain(c["name"]) in given]
     usable = [c for c in columns if c["kind"] in {"number", "text"}]
-    # What is no column of a log is worth a word of its own only where it is as long as one.
+    # What is no column of a log is worth a word of its own only where it is as long as one, and no other is called so.
     lengths = {c["rows"] for c in usable if meant(c)} or {c["rows"] for c in usable}
-    usable = [c for c in usable if meant(c) or (c["rows"] in lengths and not c.get("single"))]
+    times = Counter(plain(c["name"]) for c in usable)
+    usable = [
+        c for c in usable
+        if meant(c) or (c["rows"] in lengths and not c.get("single") and times[plain(c["name"])] == 1)
+    ]  # fmt: skip
     if file.kind is not None and not any(map(meant, usable)):
         return None, []
     names = tuple(c["name"] for c in usable)

@@ -282,6 +282,11 @@ def test_what_only_matlab_can_read_is_named_with_what_to_save_instead(tmp_path: 
         InputError, match=r"T \(table object, which is not read; save table2struct\(T, 'ToScalar', true"
     ):
         open_trial(tmp_path / "T")
+    (tmp_path / "times").write_bytes(mat5(opaque("time_s", "datetime"), *log[1:]))
+    with pytest.raises(
+        InputError, match=r"needs the column time_s; the file has .*; time_s is a datetime object, .* posix"
+    ):
+        open_trial(tmp_path / "times")
     save5(tmp_path / "5", {"S": scipy.sparse.csc_array(np.eye(3)), **NUMBERS})
     assert open_trial(tmp_path / "5").problems[0].reason == "S is a sparse matrix, which is not read; save full(S)"
     save73(tmp_path / "7", {"s": np.arange(6.0), "S": {"ir": np.arange(3.0)}, "f": np.arange(2.0), **NUMBERS})
@@ -299,6 +304,8 @@ def test_what_only_matlab_can_read_is_named_with_what_to_save_instead(tmp_path: 
 def test_a_workspace_full_of_other_things(save: Save, tmp_path: Path) -> None:
     """Variables of other lengths are named in one line, those as long as the log one by one."""
     other = {
+        "N": np.ones((6, 1)),
+        "n": np.ones((6, 1)),
         "i": np.array([[3.0]]),
         "weights": np.arange(99.0)[:, None],
         "fs": np.array([[2e6]]),
@@ -309,7 +316,7 @@ def test_a_workspace_full_of_other_things(save: Save, tmp_path: Path) -> None:
     same(trial.logs[0].read(), NUMBERS)
     assert sorted(p.reason for p in trial.problems) == [
         "column 'wind_m_s' is not one of a residuals log and is not read",
-        "columns that are neither numbers nor text, or of another length, are not read: fs, i, weights",
+        "columns that are neither numbers nor text, or of another length, are not read: N, fs, i, n, weights",
     ]
 
 
