@@ -173,6 +173,14 @@ def test_text_as_a_matrix_of_characters(tmp_path: Path) -> None:
     assert read(tmp_path / "7").texts("target_id") == ids
 
 
+@both
+def test_letters_laid_across_are_no_single_text(save: Save, tmp_path: Path) -> None:
+    """Ids run together into one text, as some writers do: columns of different lengths, not one id for all rows."""
+    save(tmp_path / "log", {**{name: values[:, None] for name, values in NUMBERS.items()}, "track_id": "A1B2A1B2A1B2"})
+    with pytest.raises(InputError, match=r"columns of different lengths: .*track_id 1"):
+        open_trial(tmp_path / "log")
+
+
 def test_version_4(tmp_path: Path) -> None:
     """Numbers and character matrices, recognised without a signature."""
     with (tmp_path / "log").open("wb") as file:
@@ -484,10 +492,13 @@ def test_recognised_by_content() -> None:
 def test_version_73_as_others_write_it(tmp_path: Path) -> None:
     """Vectors of one dimension and no word of MATLAB's classes."""
     with Matlab73(tmp_path / "log") as made:
-        for name, values in NUMBERS.items():
-            made.file[name] = values
+        for name, values in COLUMNS.items():
+            made.file[name] = values.astype("S") if name == "track_id" else values
         made.file["complex"] = PHASES
-    same(read(tmp_path / "log"), NUMBERS)
+        made.file["waveform"] = ["LFM"] * 6
+    table = read(tmp_path / "log")
+    assert table.texts("waveform") == ["LFM"] * 6
+    same(table, {**COLUMNS, "waveform": np.array(["LFM"] * 6)})
 
 
 SCIPY = Path(scipy.io.matlab.__file__).parent / "tests" / "data"

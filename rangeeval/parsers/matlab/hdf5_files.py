@@ -73,7 +73,8 @@ class _File(Audited):
             return _empty(name)  # what is stored is its size
         if self.h5py.check_ref_dtype(item.dtype) is self.h5py.Reference:
             return Cells(self.cells(item, path, depth))
-        return self.texts(item) if name == "char" else self.numbers(item)
+        text = name == "char" or self.h5py.check_string_dtype(item.dtype) is not None
+        return self.texts(item) if text else self.numbers(item)
 
     def struct(self, group: Any, path: str, depth: int) -> Struct:
         fields = self.fields(group, path, depth + 1)
@@ -114,9 +115,11 @@ class _File(Audited):
         return _texts(values) if coded else values.T
 
     def texts(self, dataset: Any) -> Value:
-        if dataset.size > _MAX_TEXT or dataset.dtype.kind not in "iu" or dataset.ndim > 2:
+        if dataset.size > _MAX_TEXT or dataset.dtype.kind not in "iuSO" or not 1 <= dataset.ndim <= 2:
             return Unread("text")
-        return _texts(dataset[()])
+        if dataset.dtype.kind in "iu":
+            return _texts(dataset[()])
+        return Texts(dataset.asstr(errors="replace")[()].reshape(-1).tolist())  # not as MATLAB writes texts
 
     def numbers(self, dataset: Any) -> Value:
         kind = np.dtype(np.complex128) if is_pair(dataset.dtype.names) else dataset.dtype

@@ -58,6 +58,9 @@ class _Column:
         if self.rows != 1 or rows <= 1:
             return self
         first = self.read(0, 1)
+        # A text of as many letters as there are rows may be a letter a row, laid the wrong way; it is left as it is.
+        if self.kind == "text" and len(text := first[0].decode()) >= rows and len(text) % rows == 0:
+            return self
         return replace(self, rows=rows, read=lambda start, stop: np.repeat(first, stop - start), single=True)
 
 
