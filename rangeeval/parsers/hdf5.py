@@ -128,14 +128,17 @@ def _piece(file: Any, wanted: Sequence[Described]) -> Any:
     def read_piece(start: int, stop: int) -> list[NDArray[Any]]:
         columns = []
         for dataset, column in zip(datasets, wanted, strict=True):
-            if dataset.shape != (column["rows"],):
+            if list(dataset.shape) != column["shape"]:
                 raise InputError(f"{column['path']}: the file changed while it was read")
+            place: Any = np.s_[start:stop]
+            if len(dataset.shape) == 2:
+                place = (0, place) if column["across"] else (place, 0)
             if column["kind"] == "number" and dataset.dtype.kind != "b":
                 values: NDArray[Any] = np.empty(stop - start, dataset.dtype)
-                dataset.read_direct(values, np.s_[start:stop])
+                dataset.read_direct(values, place)
                 columns.append(values)
             else:
-                columns.append(dataset[start:stop])
+                columns.append(dataset[place])
         return columns
 
     return read_piece
@@ -332,8 +335,12 @@ class _Audit(Audited):
         if len(shape) == 1 and dtype.names:
             fields = [{**described, "name": field, "kind": _kind(dtype[field], self.h5py)} for field in dtype.names]
             self.tables.append({"path": path, "form": "compound", "columns": fields, **self.attributes(dataset)})
-        elif len(shape) == 1:
-            columns.append({**described, "name": name, "kind": _kind(dtype, self.h5py)})
+        elif len(shape) == 1 or self.is_vector(dataset, name):
+            across = len(shape) == 2 and shape[0] == 1
+            kind = {"name": name, "kind": _kind(dtype, self.h5py), "shape": list(shape), "across": across}
+            if across:
+                described |= {"rows": int(shape[1]), "chunk_rows": int(dataset.chunks[1]) if dataset.chunks else 0}
+            columns.append({**described, **kind})
         elif dtype.kind == "c" or samples.is_pair(dtype.names):
             wide.append({**described, "name": name, "sensors": int(shape[1]), "kind": "complex"})
         elif dtype.kind in "iuf":
@@ -343,6 +350,11 @@ class _Audit(Audited):
                 return
             fields = [{**described, "name": n, "kind": "number", "index": i} for i, n in enumerate(names)]
             self.tables.append({"path": path, "form": "matrix", "columns": fields, **self.attributes(dataset)})
+
+    def is_vector(self, dataset: Any, name: str) -> bool:
+        """Whether a dataset of two dimensions is a column up or across, as MATLAB's h5write makes of vectors."""
+        plain = 1 in dataset.shape and name.casefold() not in samples.NAMES
+        return plain and _kind(dataset.dtype, self.h5py) != "other" and not self.names(dataset)
 
     def attributes(self, item: Any) -> dict[str, Any]:
         return {"stage": self.text(item, "residual_stage"), "kind": None}
