@@ -242,7 +242,11 @@ class Requirement:
 
 @dataclass(frozen=True)
 class LogSettings:
-    """How to read a file whose columns or dialect are not the standard ones."""
+    """How to read a file whose columns or dialect are not the standard ones.
+
+    `editions`, `sensor` and `height_m` are of ASTERIX recordings: the edition of a category (`CAT021`), the one sensor
+    to read (`SAC/SIC`), and the height of positions that give none (targets on the ground).
+    """
 
     file: str
     kind: str | None = None
@@ -252,6 +256,9 @@ class LogSettings:
     encoding: str | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
     residual_stage: str = "predicted"
+    editions: Mapping[str, str] = field(default_factory=dict)
+    sensor: str | None = None
+    height_m: float | None = None
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,139 @@
+"""Data blocks out of bytes: category, length, records; what lies between blocks is found, counted and stepped over."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from typing import IO
+
+from rangeeval.parsers.asterix.tables import HEADER_BYTES
+
+LARGEST = 65_535
+READ_BYTES = 1 << 20
+_AHEAD = 3 * LARGEST  # two blocks and the header after them can be judged
+_REPEATS = 512
+
+# What the categories hold (EUROCONTROL's list); any other number begins no data block.
+CATEGORIES = {
+    1: "monoradar target reports", 2: "monoradar service messages", 3: "distribution messages",
+    4: "safety net messages", 7: "directed interrogation messages", 8: "monoradar weather", 9: "composite weather",
+    10: "surface target reports", 11: "surface fusion reports", 15: "INCS target reports",
+    16: "INCS configuration", 17: "Mode S surveillance coordination", 18: "Mode S data link",
+    19: "multilateration status", 20: "multilateration target reports", 21: "ADS-B target reports",
+    23: "ADS-B service messages", 24: "ADS-B picture", 25: "ADS-B system status", 32: "flight plan messages",
+    34: "monoradar service messages", 48: "monoradar target reports", 62: "system tracks", 63: "sensor status",
+    65: "SDPS service messages", 128: "ACTC", 129: "drone positions", 150: "MADAP", 204: "multistatic radar",
+    205: "direction finder reports", 238: "quality control", 239: "quality control", 240: "radar video",
+    247: "version numbers", 252: "session control",
+}  # fmt: skip
+_BEGIN = re.compile(b"[%s]" % re.escape(bytes(CATEGORIES)))
+
+Note = Callable[[str, int, int], None]  # a reason, where, and how many bytes
+Frame = tuple[int, bytes]  # where a data block begins, and the block
+
+NO_BLOCK = "UDP packets that hold no data block"
+GARBAGE = "bytes between data blocks that belong to none"
+CUT_OFF = "a data block that is cut off at the end"
+REPEATED = "data blocks that repeat another of shortly before to the last byte (recorded twice): the first is read"
+
+
+def plausible(data: bytes, at: int) -> int:
+    """The length of the data block that begins here, 0 when none can: an unknown category, or shorter than a record."""
+    if at + HEADER_BYTES > len(data) or data[at] not in CATEGORIES:
+        return 0
+    size = data[at + 1] << 8 | data[at + 2]
+    return size if size > HEADER_BYTES + 1 else 0
+
+
+def linked(data: bytes, at: int, ended: bool) -> int:
+    """The length of a data block here that another follows, or the end; 0 when neither does."""
+    size = plausible(data, at)
+    after = at + size
+    if not size or after > len(data):
+        return 0
+    return size if (after == len(data) and ended) or plausible(data, after) else 0
+
+
+def is_chain(data: bytes, ended: bool) -> bool:
+    """Whether the bytes begin as a chain of data blocks, each of whose first record names its sensor.
+
+    No ASCII text does: the first byte of such a record has its highest bit set.
+    """
+    at = 0
+    for _ in range(3):
+        size = plausible(data, at)
+        if not size or at + HEADER_BYTES >= len(data) or data[at + HEADER_BYTES] < 0x80:
+            return False
+        at += size
+        if at >= len(data):
+            # The last block may be cut off; a first one may not: any bytes could be the begin of a large block.
+            return at == len(data) and ended
+        if len(data) - at <= HEADER_BYTES:
+            return ended
+    return True
+
+
+def in_stream(stream: IO[bytes], note: Note) -> Iterator[Frame]:
+    """The data blocks of a file, in memory of bounded size."""
+    data, base, ended = b"", 0, False
+    while not ended:
+        more = stream.read(READ_BYTES)
+        ended = not more
+        data += more
+        at = 0
+        while at < len(data) if ended else at + _AHEAD <= len(data):
+            size = linked(data, at, ended)
+            if size:
+                yield base + at, data[at : at + size]
+                at += size
+                continue
+            size = plausible(data, at)
+            begin = _next(data, at + 1, ended)
+            if size and at + size <= begin:  # whole, and only what follows it is not
+                yield base + at, data[at : at + size]
+                at += size
+                if at == begin:
+                    continue
+            if begin == len(data) and ended and plausible(data, at) and at + plausible(data, at) > begin:
+                note(CUT_OFF, base + at, begin - at)
+            else:
+                note(GARBAGE, base + at, begin - at)
+            at = begin
+        base += at
+        data = data[at:]
+
+
+def _next(data: bytes, at: int, ended: bool) -> int:
+    """Where two data blocks follow each other next; the end of the data when nowhere (short of it, to be read on)."""
+    last = len(data) if ended else len(data) - _AHEAD + 1
+    for found in _BEGIN.finditer(data, at, max(last, at)):
+        begin = found.start()
+        size = linked(data, begin, ended)
+        if size and (begin + size == len(data) or linked(data, begin + size, ended)):
+            return begin
+    return max(last, at)
+
+
+def in_payload(offset: int, data: bytes, note: Note) -> Iterator[Frame]:
+    """The data blocks of one packet, which begin with its first byte."""
+    at = 0
+    while size := plausible(data, at):
+        if at + size > len(data):
+            break
+        yield offset + at, data[at : at + size]
+        at += size
+    if at < len(data):
+        note(GARBAGE if at else NO_BLOCK, offset + at, len(data) - at)
+
+
+def distinct(frames: Iterable[Frame], note: Note) -> Iterator[Frame]:
+    """The data blocks without those that are recorded twice: two networks, or a mirrored port."""
+    recent: dict[bytes, None] = {}
+    for at, block in frames:
+        if block in recent:
+            note(REPEATED, at, len(block))
+            continue
+        recent[block] = None
+        if len(recent) > _REPEATS:
+            del recent[next(iter(recent))]
+        yield at, block
