@@ -107,6 +107,24 @@ def north_mark(seconds: float, sensor: tuple[int, int] = (25, 11)) -> bytes:
     return block(34, record("034", {"010": bytes(sensor), "000": b"\x01", "030": time(seconds)}))
 
 
+def one_of_each() -> list[bytes]:
+    """Blocks of every category that gives a log, of two radars and with service messages among them."""
+    surface = {"010": b"\x00\x07", "000": b"\x01", "020": b"\x61\x01\x02", "161": b"\x00\x2a", "170": b"\x01\x00"}
+    track = {
+        "010": b"\x19\x01", "070": time(60), "105": struct.pack(">ii", 2**23, -(2**22)), "040": b"\x00\x2a",
+        "080": b"\x01\x01\x01\x00", "130": b"\0\x10", "380": b"\xc1\x01\x02\x71\xc0\x01" + bytes(7),
+    }  # fmt: skip
+    return [
+        block(48, plot(60, 10, 20, address=0x3C660C, track=7, dbm=-60), plot(61, 11, 21, track=8, code=0o7001)),
+        north_mark(62),
+        block(48, plot(62, 10, 20, sensor=(25, 12), address=0x3C660C, _250=b"\x02" + bytes(16), _030=b"\x03\x02")),
+        block(10, record("010", surface | {"140": time(60), "040": struct.pack(">HH", 1234, 16384)})),
+        block(10, record("010", surface | {"140": time(61), "042": struct.pack(">hh", -300, 400)})),
+        block(21, position(60, 36.5, 127.25, address=0x71C001, feet=10000, descriptor=b"\x01\x00")),
+        block(62, record("062", track), record("062", track)),
+    ]
+
+
 # --- captures --------------------------------------------------------------------------------------------------------
 
 

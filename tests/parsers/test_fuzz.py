@@ -12,6 +12,7 @@ import pytest
 
 from rangeeval.errors import RangeevalError
 from rangeeval.parsers import hdf5, open_trial
+from tests import recordings
 from tests.parsers.samples import SAMPLES, SNAPSHOTS, compressed, csv_text, write_hdf5
 
 SECONDS = float(os.environ.get("RANGEEVAL_FUZZ_SECONDS", "12"))
@@ -33,9 +34,27 @@ def hdf5_lzf(path: Path) -> None:
     write_hdf5(path, compression="lzf", chunks=(4,), shuffle=True)
 
 
+def asterix(path: Path) -> None:
+    """Records of every category that gives a log, several in a block, two sensors, service messages."""
+    path.write_bytes(b"".join(recordings.one_of_each()))
+
+
+def asterix_pcap(path: Path) -> None:
+    frames = [recordings.ethernet(recordings.datagram(b), vlan=[5]) for b in recordings.one_of_each()]
+    path.write_bytes(recordings.pcap(frames))
+
+
+def asterix_pcapng(path: Path) -> None:
+    frames = [recordings.ethernet(recordings.datagram6(b, hops=True)) for b in recordings.one_of_each()]
+    path.write_bytes(recordings.pcapng(frames))
+
+
 WRITERS: dict[str, Callable[[Path], None]] = {
     **SAMPLES,
     **{f"{name}-snapshots": write for name, write in SNAPSHOTS.items()},
+    "asterix": asterix,
+    "pcap": asterix_pcap,
+    "pcapng": asterix_pcapng,
     "gz": gz,
     "zst": zst,
     "hdf5-gzip": hdf5_gzip,

@@ -12,6 +12,7 @@ LARGEST = 65_535
 READ_BYTES = 1 << 20
 _AHEAD = 3 * LARGEST  # two blocks and the header after them can be judged
 _REPEATS = 512
+_ENOUGH, _SURELY = 3, 8  # data blocks in a row that are no chance, at the begin of a file and further on
 
 # What the categories hold (EUROCONTROL's list); any other number begins no data block.
 CATEGORIES = {
@@ -55,21 +56,33 @@ def linked(data: bytes, at: int, ended: bool) -> int:
 
 
 def is_chain(data: bytes, ended: bool) -> bool:
-    """Whether the bytes begin as a chain of data blocks, each of whose first record names its sensor.
+    """Whether the bytes are a chain of data blocks from their first one on, or (cut out of a recording) from a later.
 
-    No ASCII text does: the first byte of such a record has its highest bit set.
+    Blocks count whose first record names its sensor: the first byte of such a record has its highest bit set, which no
+    ASCII text has.
     """
-    at = 0
-    for _ in range(3):
+    if _follows(data, 0, ended, _ENOUGH):
+        return True
+    # The length of most blocks begins with a zero byte. Text has none, or (UTF-16) at every other place only.
+    even, odd = data[:LARGEST:2].count(0), data[1:LARGEST:2].count(0)
+    if 4 * min(even, odd) <= max(even, odd):
+        return False
+    return any(_follows(data, found.start(), ended, _SURELY) for found in _BEGIN.finditer(data, 1, LARGEST))
+
+
+def _follows(data: bytes, at: int, ended: bool, most: int) -> bool:
+    """Whether so many data blocks follow each other from here, or fewer up to the data's end."""
+    begin = at
+    for _ in range(most):
         size = plausible(data, at)
         if not size or at + HEADER_BYTES >= len(data) or data[at + HEADER_BYTES] < 0x80:
             return False
         at += size
         if at >= len(data):
-            # The last block may be cut off; a first one may not: any bytes could be the begin of a large block.
-            return at == len(data) and ended
+            # The last of several may be cut off; a first one may not: any bytes could be the begin of a large block.
+            return begin == 0 and at == len(data) and ended
         if len(data) - at <= HEADER_BYTES:
-            return ended
+            return begin == 0 and ended
     return True
 
 

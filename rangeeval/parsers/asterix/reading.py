@@ -66,20 +66,28 @@ class Source:
         """The names of the columns of its rows, with their units."""
         return ("time_s", "target_id", *self.report.columns)
 
+    def fit(self, sample: Sequence[Frame]) -> tuple[int, int]:
+        """How many of these data blocks are what the tables say, and how many rows they give."""
+        _, records, damaged = _records(self.edition, sample)
+        rows = self.report.rows(self.numbers(records))
+        return len(sample) - len(damaged), int(np.count_nonzero(~_refused(rows)))
+
     def has_rows(self, sample: Iterable[Frame]) -> bool:
         """Whether some record of these data blocks has a number that the report needs."""
         numbers = self.numbers(_records(self.edition, sample)[1])
-        return any(bool(np.isfinite(numbers[name]).any()) for name in self.report.needs)
+        own = _sensors(numbers) == self.sensor
+        return any(bool(np.isfinite(numbers[name][own]).any()) for name in self.report.needs)
 
-    def is_shared(self, sample: Iterable[Frame]) -> bool:
-        """Whether some record of these data blocks is another sensor's."""
-        return not bool((_sensors(self.numbers(_records(self.edition, sample)[1])) == self.sensor).all())
+    def sensors_in(self, sample: Iterable[Frame]) -> set[int]:
+        """The sensors whose records stand in these data blocks."""
+        return set(map(int, _sensors(self.numbers(_records(self.edition, sample)[1]))))
 
     def first_time(self, sample: Iterable[Frame]) -> list[tuple[int, float]]:
         """Where the first record of these data blocks is that becomes a row, and its time of day."""
         offsets, records, _ = _records(self.edition, sample)
-        rows = self.report.rows(self.numbers(records))
-        usable = np.flatnonzero(~_refused(rows))
+        numbers = self.numbers(records)
+        rows = self.report.rows(numbers)
+        usable = np.flatnonzero(~_refused(rows) & (_sensors(numbers) == self.sensor))
         return [(int(offsets[usable[0]]), float(rows.time_s[usable[0]]))] if len(usable) else []
 
     def numbers(self, records: Sequence[Sequence[int | None]]) -> Numbers:

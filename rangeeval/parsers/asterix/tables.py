@@ -33,12 +33,17 @@ def library() -> tuple[Any, Any]:
         base = generated = None
     if generated is not None and "CATS" in getattr(generated, "manifest", {}):
         return base, generated
-    if importlib.util.find_spec("asterix") is None:
+    if not _installed():
         raise MissingExtra("reading ASTERIX", "asterix")
     raise InputError(
         "the installed package 'asterix' is not libasterix (asterix-decoder takes the same name): "
         "pip uninstall asterix-decoder, then pip install --force-reinstall libasterix"
     )
+
+
+def _installed() -> bool:
+    """Whether some package of the name is there."""
+    return importlib.util.find_spec("asterix") is not None
 
 
 def editions(category: int) -> dict[str, Any]:
@@ -217,7 +222,7 @@ def _field(variation: Any, name: str) -> tuple[Getter, float] | None:
     """How to read a named field (or, without a name, the one there is); None where the edition does not have it."""
     base, _ = library()
     if issubclass(variation, base.Element):
-        return _bits(0, variation.cv_bit_size, variation)
+        return None if name else _bits(0, variation.cv_bit_size, variation)
     if issubclass(variation, base.Group):
         found = _among(variation.cv_items_list, name)
         return None if found is None else _bits(*found)
@@ -297,7 +302,7 @@ class Edition:
 
     def _plan(self, spec: bytes) -> tuple[tuple[int, Length], ...]:
         steps = [self._steps[i] if i < len(self._steps) else None for i in _chosen(spec)]
-        if None in steps:
+        if None in steps or not steps:
             raise Malformed
         plan = tuple(step for step in steps if step is not None)
         if len(self._plans) < 4096:
