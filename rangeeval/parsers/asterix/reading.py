@@ -22,6 +22,7 @@ Offsets = NDArray[np.int64]
 
 _BATCH_BYTES = 1 << 20
 _NO_SENSOR = -1
+_LONGEST_ITEM = 64
 _FOOT_M = 0.3048
 _TARGET_REPORT = 1  # the message type of CAT010
 _DAMAGED = "data blocks that do not fit the tables of their edition: none of their records is read"
@@ -42,6 +43,19 @@ def sensor_of(block: bytes) -> int:
 def shown(sensor: int) -> str:
     """A sensor as `SAC/SIC`."""
     return "-" if sensor == _NO_SENSOR else f"{sensor >> 8}/{sensor & 255}"
+
+
+@dataclass(frozen=True)
+class Records:
+    """Records found in data blocks: the place of the block of each in the file, the bytes, and where items lie in them.
+
+    `damaged`: the places of blocks that are left out.
+    """
+
+    offsets: Offsets
+    data: NDArray[np.uint8]
+    places: NDArray[np.int64]
+    damaged: Offsets
 
 
 @dataclass(frozen=True)
@@ -68,50 +82,58 @@ class Source:
 
     def fit(self, sample: Sequence[Frame]) -> tuple[int, int]:
         """How many of these data blocks are what the tables say, and how many rows they give."""
-        _, records, damaged = _records(self.edition, sample)
+        records = _records(self.edition, sample)
         rows = self.report.rows(self.numbers(records))
-        return len(sample) - len(damaged), int(np.count_nonzero(~_refused(rows)))
+        return len(sample) - len(records.damaged), int(np.count_nonzero(~_refused(rows)))
 
     def has_rows(self, sample: Iterable[Frame]) -> bool:
         """Whether some record of these data blocks has a number that the report needs."""
-        numbers = self.numbers(_records(self.edition, sample)[1])
+        numbers = self.numbers(_records(self.edition, sample))
         own = _sensors(numbers) == self.sensor
         return any(bool(np.isfinite(numbers[name][own]).any()) for name in self.report.needs)
 
     def sensors_in(self, sample: Iterable[Frame]) -> set[int]:
         """The sensors whose records stand in these data blocks."""
-        return set(map(int, _sensors(self.numbers(_records(self.edition, sample)[1]))))
+        return set(map(int, _sensors(self.numbers(_records(self.edition, sample)))))
 
     def first_time(self, sample: Iterable[Frame]) -> list[tuple[int, float]]:
         """Where the first record of these data blocks is that becomes a row, and its time of day."""
-        offsets, records, _ = _records(self.edition, sample)
+        records = _records(self.edition, sample)
         numbers = self.numbers(records)
         rows = self.report.rows(numbers)
         usable = np.flatnonzero(~_refused(rows) & (_sensors(numbers) == self.sensor))
-        return [(int(offsets[usable[0]]), float(rows.time_s[usable[0]]))] if len(usable) else []
+        return [(int(records.offsets[usable[0]]), float(rows.time_s[usable[0]]))] if len(usable) else []
 
-    def numbers(self, records: Sequence[Sequence[int | None]]) -> Numbers:
+    def numbers(self, records: Records) -> Numbers:
         """The numbers of records, (n,) each, in the units of their fields; NaN where missing."""
-        values = self.edition.values
-        raw = np.array(records, np.float64).reshape(len(records), len(values))
-        found = {name: raw[:, i] * value.unit for i, (name, value) in enumerate(values.items())}
-        return {name: found.get(name, np.full(len(records), np.nan)) for name in self.report.fields}
+        found = self.edition.numbers(records.data, records.places)
+        return {name: found.get(name, np.full(len(records.places), np.nan)) for name in self.report.fields}
 
 
-def _records(edition: Edition, frames: Iterable[Frame]) -> tuple[Offsets, list[list[int | None]], list[int]]:
-    """The data block's place and the raw numbers of each record, and the places of blocks that are damaged."""
+def _records(edition: Edition, frames: Iterable[Frame]) -> Records:
+    """The records of whole data blocks, one after another."""
+    blocks: list[bytes] = []
     offsets: list[int] = []
-    records: list[list[int | None]] = []
+    begins: list[int] = []
+    places: list[list[int]] = []
     damaged: list[int] = []
+    begin = 0
     for at, block in frames:
         try:
-            found = [edition.raw(block, places) for places in edition.records(block)]
+            found = edition.records(block)
         except Malformed:
             damaged.append(at)
             continue
+        blocks.append(block)
         offsets += [at] * len(found)
-        records += found
-    return np.array(offsets, np.int64), records, damaged
+        begins += [begin] * len(found)
+        places += found
+        begin += len(block)
+    inside = np.array(places, np.int64).reshape(len(places), len(edition.slots))
+    absolute = np.where(inside >= 0, inside + np.array(begins, np.int64).reshape(-1, 1), -1)
+    # What is missing is looked up at -1: the last byte. Some bytes more, so that a field from there on is inside.
+    data = np.frombuffer(b"".join([*blocks, bytes(_LONGEST_ITEM)]), np.uint8)
+    return Records(np.array(offsets, np.int64), data, absolute, np.array(damaged, np.int64))
 
 
 def _sensors(numbers: Numbers) -> NDArray[np.float64]:
@@ -172,23 +194,24 @@ class Reader:
 
     def _block(self, frames: Sequence[Frame], fields: Sequence[Field], clock: Clock) -> Block:
         source = self.source
-        offsets, records, damaged = _records(source.edition, frames)
+        records = _records(source.edition, frames)
         problems = []
-        if damaged and source.shared:  # told once, by the log of the sensor that the block names first
-            begins = dict(frames)
-            damaged = [at for at in damaged if sensor_of(begins[at]) == source.sensor]
-        if damaged:
-            problems.append(self._problem(_DAMAGED, np.array(damaged)))
+        damaged = records.damaged
+        if len(damaged) and source.shared:  # told once, by the log of the sensor that the block names first
+            first = dict(frames)
+            damaged = np.array([at for at in damaged.tolist() if sensor_of(first[at]) == source.sensor], np.int64)
+        if len(damaged):
+            problems.append(self._problem(_DAMAGED, damaged))
         numbers = source.numbers(records)
         chosen = _sensors(numbers) == source.sensor
         if not source.shared and not chosen.all():
-            problems.append(self._problem(_FOREIGN, offsets[~chosen]))
+            problems.append(self._problem(_FOREIGN, records.offsets[~chosen]))
         if "message" in numbers:
             service = chosen & (numbers["message"] != _TARGET_REPORT)
             if service.any():
                 problems.append(Problem(self.where, _SERVICE, int(service.sum())))
             chosen &= ~service
-        offsets = offsets[chosen]
+        offsets = records.offsets[chosen]
         rows = source.report.rows({name: column[chosen] for name, column in numbers.items()})
         keep = ~_refused(rows)
         problems += [self._problem(reason, offsets[mask]) for reason, mask in rows.refused if mask.any()]

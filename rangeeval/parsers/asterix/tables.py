@@ -12,12 +12,18 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rangeeval.errors import InputError, MissingExtra
 
 Length = int | Callable[[bytes, int], int]  # bytes of an item, or how to tell from its first ones
-Getter = Callable[[bytes, int], int | None]  # the raw number of a field of the item at a place; None where absent
+Bytes = NDArray[np.uint8]
+Places = NDArray[np.int64]
+Floats = NDArray[np.float64]
 
 HEADER_BYTES = 3
+_PLANS = 4096  # field specifications whose meaning is kept
 
 
 class Malformed(Exception):
@@ -151,27 +157,32 @@ def _chosen(spec: bytes) -> Iterator[int]:
 
 
 def _compound(variation: Any) -> Callable[[bytes, int], int]:
-    walk = _compound_walk(variation)
-    return lambda data, at: walk(data, at)[1] - at
+    walk = _subfields(variation)
+    return lambda data, at: walk(data, at)[1]
 
 
-def _compound_walk(variation: Any) -> Callable[[bytes, int], tuple[dict[str, int], int]]:
-    """How to find the subfields of a compound item: the place of each, and the item's end."""
+def _subfields(variation: Any) -> Callable[[bytes, int], tuple[dict[str, int], int]]:
+    """How to find the subfields of a compound item: how far from its begin each lies, and the item's length."""
     items = [None if item is None else (item.cv_name, _length(_variation(item))) for item in variation.cv_items_list]
     most = variation.cv_fspec_max_bytes
+    fixed: dict[bytes, tuple[dict[str, int], int]] = {}
 
     def walk(data: bytes, at: int) -> tuple[dict[str, int], int]:
         spec = _fspec(data, at, most)
-        end = at + len(spec)
-        places = {}
+        if spec in fixed:
+            return fixed[spec]
+        far, places, varies = len(spec), {}, False
         for i in _chosen(spec):
             item = items[i] if i < len(items) else None
             if item is None:
                 raise Malformed
             name, size = item
-            places[name] = end
-            end += size if isinstance(size, int) else size(data, end)
-        return places, end
+            places[name] = far
+            varies |= not isinstance(size, int)
+            far += size if isinstance(size, int) else size(data, at + far)
+        if not varies and len(fixed) < _PLANS:
+            fixed[spec] = places, far
+        return places, far
 
     return walk
 
@@ -180,31 +191,42 @@ def _compound_walk(variation: Any) -> Callable[[bytes, int], tuple[dict[str, int
 
 
 @dataclass(frozen=True)
-class Value:
-    """A number of a record: its item, how to read it there, and what one unit of it is."""
+class _Bits:
+    """A bit field: where it stands in what holds it, and what one unit of it is.
 
-    item: str
-    get: Getter
+    `announced_by`: the bytes whose last bit must be set for the part of an extended item to be there that holds it.
+    """
+
+    offset: int
+    size: int
+    signed: bool
     unit: float
+    announced_by: tuple[int, ...] = ()
+
+    def numbers(self, data: Bytes, places: Places) -> Floats:
+        """The field's number at each place, (n,); NaN where there is none (a place of -1)."""
+        there = places >= 0
+        for byte in self.announced_by:
+            there &= (data[places + byte] & 1) == 1
+        first, last = self.offset // 8, (self.offset + self.size + 7) // 8
+        raw = np.zeros(len(places), np.int64)
+        for byte in range(first, last):
+            raw = raw << 8 | data[places + byte]
+        raw = raw >> (8 * last - self.offset - self.size) & (1 << self.size) - 1
+        if self.signed:
+            raw -= (raw >> (self.size - 1)) << self.size
+        return np.where(there, raw * self.unit, np.nan)
 
 
-def _bits(offset: int, size: int, element: Any) -> tuple[Getter, float]:
-    """A bit field of an item, and what one unit of it is."""
+def _bits(offset: int, size: int, element: Any, announced_by: tuple[int, ...] = ()) -> _Bits:
     base, _ = library()
     content = getattr(element.cv_rule, "cv_content", None)
     signed = getattr(content, "cv_signedness", None) is base.Signed
-    first, last = offset // 8, (offset + size + 7) // 8
-    shift, mask, half = 8 * last - offset - size, (1 << size) - 1, 1 << (size - 1)
-
-    def get(data: bytes, at: int) -> int:
-        raw = int.from_bytes(data[at + first : at + last], "big") >> shift & mask
-        return raw - 2 * half if signed and raw >= half else raw
-
-    return get, float(getattr(content, "cv_lsb", 1.0))
+    return _Bits(offset, size, signed, float(getattr(content, "cv_lsb", 1.0)), announced_by)
 
 
 def _among(items: Any, name: str) -> tuple[int, int, Any] | None:
-    """Bit offset, size and element of a named field among fields that follow each other; None when it has none."""
+    """Bit offset, size and element of a named field among fields that follow each other; None when it is none."""
     offset = 0
     for item in items:
         if item is None:
@@ -218,102 +240,91 @@ def _among(items: Any, name: str) -> tuple[int, int, Any] | None:
     return None
 
 
-def _field(variation: Any, name: str) -> tuple[Getter, float] | None:
-    """How to read a named field (or, without a name, the one there is); None where the edition does not have it."""
+def _field(variation: Any, name: str) -> _Bits | None:
+    """A named field of an item, or (without a name) the whole of a plain one; None where the edition has it not."""
     base, _ = library()
     if issubclass(variation, base.Element):
         return None if name else _bits(0, variation.cv_bit_size, variation)
     if issubclass(variation, base.Group):
         found = _among(variation.cv_items_list, name)
         return None if found is None else _bits(*found)
-    if issubclass(variation, base.Extended):
-        begin = 0
-        announced_by: list[int] = []  # the bytes whose last bit must be set for the part to be there
-        for (size, _), part in zip(_parts(variation), variation.cv_items_list, strict=True):
-            found = _among(part, name)
-            if found is not None:
-                offset, bits, element = found
-                return _if_announced(_bits(8 * begin + offset, bits, element), tuple(announced_by))
-            begin += size
-            announced_by.append(begin - 1)
+    if not issubclass(variation, base.Extended):
         return None
-    if issubclass(variation, base.Compound) and name in variation.cv_items_dict:
-        read = _field(_variation(variation.cv_items_dict[name]), "")
-        return None if read is None else _in_compound(read, _compound_walk(variation), name)
+    begin = 0
+    announced_by: tuple[int, ...] = ()
+    for (size, _), part in zip(_parts(variation), variation.cv_items_list, strict=True):
+        found = _among(part, name)
+        if found is not None:
+            offset, bits, element = found
+            return _bits(8 * begin + offset, bits, element, announced_by)
+        begin += size
+        announced_by += (begin - 1,)
     return None
 
 
-def _if_announced(read: tuple[Getter, float], announced_by: tuple[int, ...]) -> tuple[Getter, float]:
-    get, unit = read
-    if not announced_by:
-        return read
-
-    def get_there(data: bytes, at: int) -> int | None:
-        return get(data, at) if all(data[at + i] & 1 for i in announced_by) else None
-
-    return get_there, unit
-
-
-def _in_compound(read: tuple[Getter, float], walk: Any, name: str) -> tuple[Getter, float]:
-    get, unit = read
-
-    def get_there(data: bytes, at: int) -> int | None:
-        place = walk(data, at)[0].get(name)
-        return None if place is None else get(data, place)
-
-    return get_there, unit
-
-
 # --- records ---------------------------------------------------------------------------------------------------------
-
-Places = list[int]  # where each wanted item of a record begins, -1 where it has none
 
 
 class Edition:
     """One edition of a category: walks the records of its data blocks and reads the wanted fields.
 
-    `fields` names each wanted number by item and field (`040/RHO`, or `140` of a single one); one that the edition does
-    not have is missing in every record.
+    `fields` names each wanted number by item and field: `140` of a plain item, `040/RHO`, or a subfield of a compound
+    one (`130/SAM`). One that the edition does not have is missing in every record.
     """
 
     def __init__(self, name: str, definition: Any, fields: Mapping[str, str]) -> None:
         base, _ = library()
         self.name = name
-        self.values: dict[str, Value] = {}
         record = definition.cv_record
-        self._most = record.cv_fspec_max_bytes
+        self.slots: dict[str, int] = {}  # the wanted items and subfields, numbered
+        self._bits: dict[str, tuple[int, _Bits]] = {}
+        self._compounds: dict[str, list[str]] = {}
         for short, written in fields.items():
             item, _, field = written.partition("/")
-            known = record.cv_items_dict.get(item)
-            found = None if known is None else _field(_variation(known), field)
-            if found is not None:
-                self.values[short] = Value(item, *found)
-        self.items = tuple(dict.fromkeys(v.item for v in self.values.values()))
-        slots = {item: i for i, item in enumerate(self.items)}
-        self._getters = [(slots[value.item], value.get) for value in self.values.values()]
+            if item not in record.cv_items_dict:
+                continue
+            layout = _variation(record.cv_items_dict[item])
+            inside = issubclass(layout, base.Compound) and field in layout.cv_items_dict
+            bits = _field(_variation(layout.cv_items_dict[field]), "") if inside else _field(layout, field)
+            if bits is not None:
+                self.slots.setdefault(item, len(self.slots))
+                holder = written if inside else item
+                self._bits[short] = self.slots.setdefault(holder, len(self.slots)), bits
+                if inside:
+                    self._compounds.setdefault(item, []).append(field)
+        self._inside = [
+            (self.slots[item], _subfields(_variation(record.cv_items_dict[item])),
+             [(name, self.slots[f"{item}/{name}"]) for name in names])
+            for item, names in self._compounds.items()
+        ]  # fmt: skip
+        self._most = record.cv_fspec_max_bytes
         self._steps: list[tuple[int, Length] | None] = []
         for entry in record.cv_items_list:
             if issubclass(entry, base.UapItem):
                 item = entry.cv_non_spare
-                self._steps.append((slots.get(item.cv_name, -1), _length(_variation(item))))
+                self._steps.append((self.slots.get(item.cv_name, -1), _length(_variation(item))))
             else:
                 self._steps.append(None)
         self._plans: dict[bytes, tuple[tuple[int, Length], ...]] = {}
 
     def _plan(self, spec: bytes) -> tuple[tuple[int, Length], ...]:
+        """The items that a field specification announces: the slot of each (-1: not wanted), and its length."""
         steps = [self._steps[i] if i < len(self._steps) else None for i in _chosen(spec)]
         if None in steps or not steps:
             raise Malformed
         plan = tuple(step for step in steps if step is not None)
-        if len(self._plans) < 4096:
+        if len(self._plans) < _PLANS:
             self._plans[spec] = plan
         return plan
 
-    def records(self, block: bytes) -> list[Places]:
-        """Where the wanted items of each record of a whole data block begin. Raises Malformed."""
-        found: list[Places] = []
+    def records(self, block: bytes) -> list[list[int]]:
+        """Where each wanted item (by its slot) begins in each record of a whole data block, -1 where there is none.
+
+        Raises Malformed.
+        """
+        found: list[list[int]] = []
         at, end = HEADER_BYTES, len(block)
-        plans, most, none = self._plans, self._most, [-1] * len(self.items)
+        plans, most, none = self._plans, self._most, [-1] * len(self.slots)
         try:
             while at < end:
                 spec = _fspec(block, at, most)
@@ -323,6 +334,12 @@ class Edition:
                     if slot >= 0:
                         places[slot] = at
                     at += size if size.__class__ is int else size(block, at)  # type: ignore[operator]
+                for slot, walk, subfields in self._inside:
+                    if places[slot] >= 0:
+                        inside = walk(block, places[slot])[0]
+                        for name, place in subfields:
+                            if name in inside:
+                                places[place] = places[slot] + inside[name]
                 found.append(places)
         except IndexError:
             raise Malformed from None
@@ -330,9 +347,6 @@ class Edition:
             raise Malformed
         return found
 
-    def raw(self, block: bytes, places: Places) -> list[int | None]:
-        """The raw number of each of `values` in a record, None where missing. Raises Malformed."""
-        try:
-            return [None if places[slot] < 0 else get(block, places[slot]) for slot, get in self._getters]
-        except IndexError:
-            raise Malformed from None
+    def numbers(self, data: Bytes, places: Places) -> dict[str, Floats]:
+        """The wanted numbers of records, (n,) each, NaN where missing, from the places (n, slots) of their items."""
+        return {short: bits.numbers(data, places[:, slot]) for short, (slot, bits) in self._bits.items()}
