@@ -457,6 +457,17 @@ def test_a_capture_cut_off_anywhere_keeps_what_is_whole(name: str, tmp_path: Pat
         assert 1 <= len(whole(trial)) <= 6
 
 
+@pytest.mark.parametrize("name", ["big", "ng-big"])
+def test_a_damaged_capture_keeps_what_comes_before(name: str, tmp_path: Path) -> None:
+    """A packet header that makes no sense ends the reading there, and is said with its place."""
+    data = bytearray(CAPTURES[name])
+    at = data.index(BLOCKS[3]) - (14 + 28) - (8 if name == "big" else 24)
+    data[at : at + 4] = b"\x7f" * 4  # the packet's, or the block's, length
+    trial = opened(tmp_path, bytes(data), name="c.bin")
+    assert len(whole(trial)) == 3
+    assert counted(trial, "cannot be followed") == 1
+
+
 def test_a_capture_without_asterix_says_so(tmp_path: Path) -> None:
     """Other traffic alone is no log."""
     with pytest.raises(InputError, match="it holds no ASTERIX data block"):

@@ -9,7 +9,6 @@ import struct
 from collections.abc import Iterator
 from typing import IO
 
-from rangeeval.errors import InputError
 from rangeeval.parsers.asterix.framing import Note
 
 _CLASSIC = {
@@ -31,7 +30,8 @@ _IPV4, _IPV6, _UDP = 0x0800, 0x86DD, 17
 _IPV6_EXTENSIONS = {0, 43, 60}  # hop by hop, routing, destination options
 _IPV6_FRAGMENT = 44
 
-CUT_OFF_CAPTURE = "a packet that is cut off at the end of the capture"
+CUT_OFF = "a packet that is cut off at the end of the capture"
+LOST = "damage from which on the capture cannot be followed"
 SHORT = "packets that the capture cut short"
 FRAGMENT = "fragments of packets, which are not put together"
 OTHER_LINK = "packets of a link that is neither Ethernet, Linux cooked nor raw IP"
@@ -47,10 +47,10 @@ def is_capture(head: bytes) -> bool:
     )
 
 
-def payloads(stream: IO[bytes], where: str, note: Note) -> Iterator[Payload]:
-    """The UDP payloads of a capture in its order. Raises InputError where its records cannot be followed."""
+def payloads(stream: IO[bytes], note: Note) -> Iterator[Payload]:
+    """The UDP payloads of a capture in its order, up to where its packets cannot be followed any more."""
     head = stream.read(4)
-    packets = _classic(stream, _CLASSIC[head], where, note) if head in _CLASSIC else _blocks(stream, where, note)
+    packets = _classic(stream, _CLASSIC[head], note) if head in _CLASSIC else _blocks(stream, note)
     for at, link, packet in packets:
         found = _udp(packet, link)
         if isinstance(found, str):
@@ -60,21 +60,23 @@ def payloads(stream: IO[bytes], where: str, note: Note) -> Iterator[Payload]:
             yield at + found[0], packet[found[0] : found[1]]
 
 
-def _classic(stream: IO[bytes], order: str, where: str, note: Note) -> Iterator[tuple[int, int, bytes]]:
+def _classic(stream: IO[bytes], order: str, note: Note) -> Iterator[tuple[int, int, bytes]]:
     """Place, link type and bytes of every whole packet of a classic capture."""
     head = stream.read(20)
     if len(head) < 20:
-        raise InputError(f"{where}: the capture is cut off in its header")
+        note(CUT_OFF, 4, len(head))
+        return
     link = struct.unpack_from(f"{order}I", head, 16)[0] & 0xFFFF
     at = 24
     while len(head := stream.read(16)) == 16:
         kept, length = struct.unpack_from(f"{order}II", head, 8)
         at += 16
         if kept > _LARGEST_PACKET:
-            raise InputError(f"{where}: the capture is damaged at byte {at - 16}: a packet of {kept} bytes")
+            note(LOST, at - 16, 16)
+            return
         packet = stream.read(kept)
         if len(packet) < kept:
-            note(CUT_OFF_CAPTURE, at, len(packet))
+            note(CUT_OFF, at, len(packet))
             return
         if kept < length:
             note(SHORT, at, kept)
@@ -82,10 +84,10 @@ def _classic(stream: IO[bytes], order: str, where: str, note: Note) -> Iterator[
             yield at, link, packet
         at += kept
     if head:
-        note(CUT_OFF_CAPTURE, at, len(head))
+        note(CUT_OFF, at, len(head))
 
 
-def _blocks(stream: IO[bytes], where: str, note: Note) -> Iterator[tuple[int, int, bytes]]:
+def _blocks(stream: IO[bytes], note: Note) -> Iterator[tuple[int, int, bytes]]:
     """Place, link type and bytes of every whole packet of a pcapng capture."""
     at, order = 0, "<"
     links: list[tuple[int, int]] = []
@@ -97,14 +99,15 @@ def _blocks(stream: IO[bytes], where: str, note: Note) -> Iterator[tuple[int, in
         else:
             have = 8
         if len(rest) < 4:
-            note(CUT_OFF_CAPTURE, at, len(rest))
+            note(CUT_OFF, at, len(rest))
             return
         kind, size = struct.unpack(f"{order}II", kind_bytes + rest)
         if size < have + 4 or size % 4 or size > 2 * _LARGEST_PACKET + (1 << 16):
-            raise InputError(f"{where}: the capture is damaged at byte {at}: a block of {size} bytes")
+            note(LOST, at, 8)
+            return
         body = stream.read(size - have)
         if len(body) < size - have:
-            note(CUT_OFF_CAPTURE, at, len(body))
+            note(CUT_OFF, at, len(body))
             return
         body = body[:-4]
         if kind == _INTERFACE and len(body) >= 8 and len(links) < _MAX_INTERFACES:
@@ -120,7 +123,7 @@ def _blocks(stream: IO[bytes], where: str, note: Note) -> Iterator[tuple[int, in
         at += size
         kind_bytes = stream.read(4)
     if kind_bytes:
-        note(CUT_OFF_CAPTURE, at, len(kind_bytes))
+        note(CUT_OFF, at, len(kind_bytes))
 
 
 def _packet(kind: int, body: bytes, order: str, links: list[tuple[int, int]]) -> tuple[int, int, bytes] | str:

@@ -68,7 +68,7 @@ class Recording:
             raise InputError(f"{self.file.name}: the compressed file is damaged or cut off") from error
 
     def _captured(self, stream: IO[bytes], note: Note) -> Iterator[Frame]:
-        for at, data in payloads(stream, self.file.name, note):
+        for at, data in payloads(stream, note):
             yield from framing.in_payload(at, data, note)
 
     def contents(self) -> Contents:
