@@ -295,13 +295,14 @@ def test_without_the_extra_one_line_says_so(tmp_path: Path, monkeypatch: pytest.
     """No libasterix: which extra to install. Another package of its name: that, and what to do."""
     tables.library.cache_clear()
     monkeypatch.setitem(sys.modules, "asterix", None)
-    monkeypatch.setattr(tables, "_installed", lambda: False)
+    monkeypatch.setattr(tables, "_installed", lambda: None)
     with pytest.raises(MissingExtra, match=r"rangeeval\[asterix\]"):
         opened(tmp_path, block(48, plot(1, 10, 20, track=1)))
+    monkeypatch.undo()
+    tables.library.cache_clear()
     for name in ("asterix.base", "asterix.generated"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.setitem(sys.modules, "asterix", types.ModuleType("asterix"))
-    monkeypatch.setattr(tables, "_installed", lambda: True)
     with pytest.raises(InputError, match="asterix-decoder takes the same name"):
         open_trial(tmp_path)
     tables.library.cache_clear()

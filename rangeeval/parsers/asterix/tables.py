@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rangeeval.errors import InputError, MissingExtra
+from rangeeval.errors import InputError, MissingExtra, one_line
 
 Length = int | Callable[[bytes, int], int]  # bytes of an item, or how to tell from its first ones
 Bytes = NDArray[np.uint8]
@@ -39,17 +39,22 @@ def library() -> tuple[Any, Any]:
         base = generated = None
     if generated is not None and "CATS" in getattr(generated, "manifest", {}):
         return base, generated
-    if not _installed():
+    found = _installed()
+    if found is None:
         raise MissingExtra("reading ASTERIX", "asterix")
     raise InputError(
-        "the installed package 'asterix' is not libasterix (asterix-decoder takes the same name): "
-        "pip uninstall asterix-decoder, then pip install --force-reinstall libasterix"
+        f"the package 'asterix' that Python finds ({found}) is not libasterix; asterix-decoder takes the same name: "
+        f"pip uninstall asterix-decoder, then pip install --force-reinstall libasterix"
     )
 
 
-def _installed() -> bool:
-    """Whether some package of the name is there."""
-    return importlib.util.find_spec("asterix") is not None
+def _installed() -> str | None:
+    """Where Python finds a package of the name; None when there is none."""
+    try:
+        spec = importlib.util.find_spec("asterix")
+    except ValueError:  # one that was put there by hand
+        return "in memory"
+    return None if spec is None else one_line(spec.origin or "a folder without modules", 100)
 
 
 def editions(category: int) -> dict[str, Any]:
