@@ -56,8 +56,8 @@ def joint_kernel(x: np.ndarray, bearing: np.ndarray, rate: np.ndarray, block: in
     """The joint tracker, compiled."""
     t = K // block
     out, powers, noises = np.empty((5, t, N)), np.empty((t, 1, N)), np.empty((t, 1))
-    track_joint(ARRAY, x[:, None], np.ones(K, np.bool_), bearing.copy(), rate.copy(), *START, block, 2, 1e-10,
-                np.deg2rad(1.5), 50.0, 60, np.ones((1, N)), np.ones(1), out, powers, noises, np.empty(t),
+    track_joint(ARRAY, x[:, None], np.ones(K, np.bool_), bearing.copy(), rate.copy(), *START, 0.0, 10, block, 2, 1e-10,
+                np.deg2rad(1.5), False, 50.0, 60, np.ones((1, N)), np.ones(1), out, powers, noises, np.empty(t),
                 np.empty(t, np.int64))  # fmt: skip
     return out[0]
 

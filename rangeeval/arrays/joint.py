@@ -28,7 +28,7 @@ from rangeeval.compiled import compiled
 Array = NDArray[np.float64]
 
 _SPARK = 1e-6  # of the noise: the power a faded source keeps, to come back from
-_ROUNDS = 20  # expectation steps that find powers and noise of the first block
+_ROUNDS = 20  # expectation steps that find powers and noise of the opening
 _TURNS = 60  # of the power iteration of the guard
 _CLOSE = 1e-4  # relative change at which it stops
 
@@ -140,8 +140,9 @@ def likelihood_terms(array, f, theta, power, noise, used, work, score, info):  #
 
 @compiled
 def _predict(theta, omega, cov, steps, q):  # type: ignore[no-untyped-def]
-    """Carry the state over `steps` snapshots: acceleration noise q, new in each of them."""
+    """Carry the state over `steps` snapshots, or back over as many: acceleration noise q, new in each of them."""
     n = theta.size
+    span = abs(steps)
     for i in range(n):
         theta[i] += steps * omega[i]
     for i in range(2 * n):
@@ -150,15 +151,15 @@ def _predict(theta, omega, cov, steps, q):  # type: ignore[no-untyped-def]
     for i in range(n):
         for j in range(2 * n):
             cov[i, j] += steps * cov[n + i, j]
-        cov[i, i] += q * (steps**3 / 3.0 - steps / 12.0)
-        cov[i, n + i] += q * steps * steps / 2.0
-        cov[n + i, i] += q * steps * steps / 2.0
-        cov[n + i, n + i] += q * steps
+        cov[i, i] += q * max(span**3 / 3.0 - span / 12.0, 0.0)
+        cov[i, n + i] += q * steps * span / 2.0
+        cov[n + i, i] += q * steps * span / 2.0
+        cov[n + i, n + i] += q * span
 
 
 @compiled
 def load(x, usable, f, first, count, column, work):  # type: ignore[no-untyped-def]
-    """Put the usable ones of `count` snapshots of bin f into `work`."""
+    """Put the usable ones of `count` snapshots of bin f into `work`; gives how many."""
     used = 0
     for k in range(first, first + count):
         if usable[k]:
@@ -166,14 +167,16 @@ def load(x, usable, f, first, count, column, work):  # type: ignore[no-untyped-d
                 work.real[m, column + used] = x[k, f, m].real
                 work.imag[m, column + used] = x[k, f, m].imag
             used += 1
+    return used
 
 
 @compiled
-def _towards(theta, predicted, cov, score, info, largest, system, gain, step):  # type: ignore[no-untyped-def]
-    """One Gauss-Newton step of the bearings to the maximum a posteriori.
+def _towards(theta, predicted, cov, score, info, largest, together, system, gain, step):  # type: ignore[no-untyped-def]
+    """One Gauss-Newton step of the state to the maximum a posteriori.
 
-    Written in N x N systems: s = s0 + P_xb z with (I + J P_bb) z = J (theta - theta0) - g. Leaves z in `step` and
-    (I + J P_bb)^-1 J in `gain`.
+    Written in N x N systems: s = s0 + P_xb z with (I + J P_bb) z = J (theta - theta0) - g. A bearing goes no farther
+    than `largest`; `together`, all bearings and rates go the share of their way that takes none farther. `step` holds
+    z before and after; leaves (I + J P_bb)^-1 J in `gain`.
     """
     n = theta.size
     for i in range(n):
@@ -188,8 +191,15 @@ def _towards(theta, predicted, cov, score, info, largest, system, gain, step):  
             total += info[i, k] * (theta[k] - predicted[k])
         gain[i, n] = total
     solve(system, n, gain, n + 1)
+    share = 1.0
+    if together:
+        for i in range(n):
+            target = predicted[i]
+            for k in range(n):
+                target += cov[i, k] * gain[k, n]
+            share = min(share, largest / max(abs(target - theta[i]), largest))
     for i in range(n):
-        step[i] = gain[i, n]
+        step[i] += share * (gain[i, n] - step[i])
     for i in range(n):
         target = predicted[i]
         for k in range(n):
@@ -231,17 +241,25 @@ def _refit(power, noise, f, residual, trace, rate, sensors, work):  # type: igno
 
 
 @compiled
-def _first_guess(power, noise, f, used, work):  # type: ignore[no-untyped-def]
-    """Share the power of the first block among sources and noise alike."""
-    n, sensors = work.fit.size, work.real.shape[0]
-    total = 0.0
-    for c in range(2 * n, 2 * n + used):
-        for m in range(sensors):
-            total += work.real[m, c] * work.real[m, c] + work.imag[m, c] * work.imag[m, c]
-    level = max(total / (used * sensors * (n + 1)), 1e-300)
-    noise[f] = level
-    for i in range(n):
-        power[f, i] = level
+def _open(array, x, usable, theta, first, count, power, noise, work, score, info):  # type: ignore[no-untyped-def]
+    """Find powers and noise in `count` snapshots, at bearings that stand: their likelihood's maximum, nearly.
+
+    From the power shared among sources and noise alike; `score` and `info` are spoiled.
+    """
+    n, sensors = theta.size, x.shape[2]
+    for f in range(x.shape[1]):
+        used = load(x, usable, f, first, count, 2 * n, work)
+        total = 0.0
+        for c in range(2 * n, 2 * n + used):
+            for m in range(sensors):
+                total += work.real[m, c] * work.real[m, c] + work.imag[m, c] * work.imag[m, c]
+        level = max(total / (used * sensors * (n + 1)), 1e-300)
+        noise[f] = level
+        for i in range(n):
+            power[f, i] = level
+        for _ in range(_ROUNDS):
+            residual, trace = likelihood_terms(array, f, theta, power[f], noise[f], used, work, score, info)
+            _refit(power, noise, f, residual, trace, 1.0, sensors, work)
 
 
 @compiled
@@ -308,15 +326,15 @@ def largest_eigenvalue(found, model):  # type: ignore[no-untyped-def]
 
 @compiled
 def track_joint(  # type: ignore[no-untyped-def]
-    array, x, usable, theta, omega, sigma_bearing, sigma_rate, block, iterations, q, largest, memory, window,
-    power, noise, out, powers, noises, guards, counts,
+    array, x, usable, theta, omega, sigma_bearing, sigma_rate, begin, opening, block, iterations, q, largest, together,
+    memory, window, power, noise, out, powers, noises, guards, counts,
 ):  # fmt: skip
     """Track one run, block by block.
 
-    x (K, bins, M); usable (K,) which snapshots count. theta, omega (N,): the state at the first snapshot; power
-    (bins, N), noise (bins,): where they start, or zeros to be found first. All four are moved. Row b of the outputs is
-    the state in the middle of block b: out (5, T, N) bearing, sigma, rate, its sigma, innovation; powers (T, bins, N),
-    noises (T, bins), guards (T,), counts (T,) of usable snapshots.
+    x (K, bins, M); usable (K,) which snapshots count. theta, omega (N,): the state at snapshot `begin`; power
+    (bins, N), noise (bins,): where they start, or zeros to be found first in `opening` snapshots. All four are moved.
+    Row b of the outputs is the state in the middle of block b: out (5, T, N) bearing, sigma, rate, its sigma,
+    innovation; powers (T, bins, N), noises (T, bins), guards (T,), counts (T,) of usable snapshots.
     """
     bins, sensors = x.shape[1], x.shape[2]
     n = theta.size
@@ -324,42 +342,40 @@ def track_joint(  # type: ignore[no-untyped-def]
     for i in range(n):
         cov[i, i] = sigma_bearing * sigma_bearing
         cov[n + i, n + i] = sigma_rate * sigma_rate
-    work = workspace(n, sensors, block)
+    reach = max(block, min(opening, x.shape[0]))
+    work = workspace(n, sensors, reach)
     watch = np.zeros((2, bins, sensors, sensors), np.complex128)
     watched, guard = 0, np.nan
     predicted, score, step = np.empty(n), np.empty(n), np.empty(n)
     info, system, gain, half = np.empty((n, n)), np.empty((n, n)), np.empty((n, n + 1)), np.empty((2 * n, n))
-    ahead = 0.5 * (block - 1)
-    opening = power[0, 0] <= 0.0
+    ahead = 0.5 * (block - 1) - begin
+    unknown = power[0, 0] <= 0.0
     for b in range(counts.size):
         first = b * block
         _predict(theta, omega, cov, ahead, q)
         ahead = float(block)
         for i in range(n):
             predicted[i] = theta[i]
+            step[i] = 0.0
         counts[b] = 0
         for k in range(first, first + block):
             counts[b] += usable[k]
         used = counts[b]
-        # The turns: powers and noise found once at the start, Gauss-Newton steps, and the powers' own step at the end.
-        settle = _ROUNDS if opening and used > 0 else 0
-        for turn in range(settle + iterations + 1 if used > 0 else 0):
+        if unknown and used > 0:
+            _open(array, x, usable, theta, first, min(reach, x.shape[0] - first), power, noise, work, score, info)
+            unknown = False
+        for turn in range(iterations + 1 if used > 0 else 0):  # Gauss-Newton steps, then the step of powers and noise
             score.fill(0.0)
             info.fill(0.0)
-            last = turn == settle + iterations
+            last = turn == iterations
             for f in range(bins):
                 load(x, usable, f, first, block, 2 * n, work)
-                if opening and turn == 0:
-                    _first_guess(power, noise, f, used, work)
                 residual, trace = likelihood_terms(array, f, theta, power[f], noise[f], used, work, score, info)
-                if turn < settle or last:
-                    share = min(1.0, used / memory) if last else 1.0
-                    _refit(power, noise, f, residual, trace, share, sensors, work)
                 if last:
+                    _refit(power, noise, f, residual, trace, min(1.0, used / memory), sensors, work)
                     _watch(watch, f, power[f], noise[f], used, work)
-            if turn >= settle and not last:
-                _towards(theta, predicted, cov, score, info, largest, system, gain, step)
-            opening = opening and turn < settle
+            if not last:
+                _towards(theta, predicted, cov, score, info, largest, together, system, gain, step)
         if used > 0:
             for i in range(n):
                 for k in range(n):

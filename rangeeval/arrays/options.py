@@ -84,25 +84,32 @@ class JointOptions:
     iterations : Gauss-Newton steps a block.
     process_variance : q, of the acceleration, (rad per snapshot^2)^2.
     largest_step_rad : of one bearing in one iteration.
+    limit_together : when a bearing would go farther, shorten the step of the whole state instead of this bearing's.
     memory : snapshots over which powers and noise are smoothed.
+    opening : snapshots in which powers and noise are first found, at the bearings of the start; at least a block.
     guard_window, guard_threshold : the alarm of an unmodelled source: largest eigenvalue of the whitened
         covariance of this many snapshots.
     start : uncertainty of the start.
+    start_sample : the snapshot at which the start and its uncertainty hold, from 0; it may be between two, or outside.
     """
 
     block: int = 10
     iterations: int = 2
     process_variance: float = 1e-10
     largest_step_rad: float = math.radians(1.5)
+    limit_together: bool = False
     memory: float = 50.0
+    opening: int = 10
     guard_window: int = 60
     guard_threshold: float = 5.0
     start: StartUncertainty = StartUncertainty()
+    start_sample: float = 0.0
 
     def __post_init__(self) -> None:
         for name, value in (
             ("block", self.block),
             ("iterations", self.iterations),
+            ("opening", self.opening),
             ("guard window", self.guard_window),
         ):
             if value < 1:
@@ -110,6 +117,8 @@ class JointOptions:
         _not_negative(self.process_variance, "the process variance")
         _positive(self.largest_step_rad, "the largest step")
         _positive(self.memory, "the memory of powers and noise")
+        if not math.isfinite(self.start_sample):
+            raise ValueError(f"the sample of the start is {self.start_sample}; give a number")
 
 
 @dataclass(frozen=True, eq=False)

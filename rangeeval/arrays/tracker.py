@@ -128,9 +128,10 @@ def _track_joint(job: _Job, options: JointOptions) -> Track:
     for run in range(runs):
         track_joint(
             array, job.x[run], job.usable[run], job.bearing[run], job.rate[run], options.start.bearing_rad,
-            options.start.rate_rad, options.block, options.iterations, options.process_variance,
-            options.largest_step_rad, options.memory, options.guard_window, np.zeros((bins, n)), np.zeros(bins),
-            out[run], powers[run], noises[run], guards[run], counts[run],
+            options.start.rate_rad, options.start_sample, options.opening, options.block, options.iterations,
+            options.process_variance, options.largest_step_rad, options.limit_together, options.memory,
+            options.guard_window, np.zeros((bins, n)), np.zeros(bins), out[run], powers[run], noises[run],
+            guards[run], counts[run],
         )  # fmt: skip
     power, noise = powers.mean(axis=2), noises.mean(axis=2)
     beam_noise = noise / job.geometry.sensors

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from rangeeval.comparison.circumstances import Place, by_place, place_of, unlike
 from rangeeval.comparison.configuration import differences, same_inputs
 from rangeeval.comparison.rules import Rule, compared, rule_of
 from rangeeval.errors import InputError, SettingsError, did_you_mean, one_line
@@ -30,8 +31,8 @@ from rangeeval.stats.comparison import (
 ADJUSTMENTS = {"holm": holm, "bh": benjamini_hochberg}
 EVERYTHING = "all"
 
-Key = tuple[str, str, str | None, float, float, str | None, str | None]
-"""Analysis, quantity, bin variable and edges, group, track."""
+Key = tuple[str, Place]
+"""Quantity and place."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,7 @@ class _Tested:
     trial: str
     contrast: Contrast | None
     within: tuple[float, float] | None
+    unlike: tuple[str, ...] = ()
 
     @property
     def null(self) -> float:
@@ -126,21 +128,22 @@ def compare(trials: Sequence[Sequence[Result]], method: Method | None = None) ->
         if not any(result.rows for result in results):
             raise InputError(f"{name}: holds no estimates, so there is nothing to compare")
     tables = [_table(results, method) for results in trials]
+    places = [by_place(results) for results in trials]
     _check_names(method, trials)
     problems = list(same_inputs(names, trials))
     tests: list[_Tested] = []
-    for name, results, table in zip(names[1:], trials[1:], tables[1:], strict=True):
+    for name, results, table, rows in zip(names[1:], trials[1:], tables[1:], places[1:], strict=True):
         problems += _unmatched(names[0], tables[0], name, table)
         confidences = _confidences(trials[0]), _confidences(results)
         found, said = _tests(tables[0], table, name, method, confidences)
-        tests += found
+        tests += [replace(test, unlike=_unlike(test.key, places[0], rows)) for test in found]
         problems += said
     if not tests:
         raise InputError(_nothing_common(names, tables, problems))
     order = {key: i for i, key in enumerate(tables[0])}
     place = {name: i for i, name in enumerate(names)}
     tests.sort(key=lambda t: (order[t.key], place[t.trial]))
-    rows = tuple(_judged(tests, method, names[0]))
+    judged = tuple(_judged(tests, method, names[0]))
     settings = {
         "confidence": method.confidence,
         "adjust": method.adjust,
@@ -152,8 +155,8 @@ def compare(trials: Sequence[Sequence[Result]], method: Method | None = None) ->
         "tests": sum(1 for t in tests if t.contrast),
         "differences": differences(trials),
     }
-    everything = (*problems, *(p for results in trials for result in results for p in result.problems))
-    return Result("compare", rows, settings, gather(list(dict.fromkeys(everything))), provenance=_origin(names, trials))
+    every = (*problems, *(p for results in trials for result in results for p in result.problems))
+    return Result("compare", judged, settings, gather(list(dict.fromkeys(every))), provenance=_origin(names, trials))
 
 
 def _names(trials: Sequence[Sequence[Result]]) -> list[str]:
@@ -175,9 +178,7 @@ def _table(results: Sequence[Result], method: Method) -> dict[Key, Estimate]:
         for row in result.rows:
             together = row.group is None or row.quantity not in pooled
             if row.quantity in chosen and together and row.track_id is None:
-                edges = (float(f"{row.bin_low:.9g}"), float(f"{row.bin_high:.9g}"))
-                low, high = (edge if math.isfinite(edge) else math.inf for edge in edges)  # NaN is no key
-                found[result.analysis, row.quantity, row.variable, low, high, row.group, row.track_id] = row
+                found[row.quantity, place_of(result.analysis, row)] = row
     return found
 
 
@@ -209,13 +210,21 @@ def _tests(
             units[a.quantity] = f"{a.quantity} is in '{b.unit}' here and in '{a.unit}' in the reference; not compared"
             continue
         rule = rules[a.quantity]
-        contrast = _contrast(a, b, rule, *(c.get(key[0], 0.95) for c in confidences))
+        contrast = _contrast(a, b, rule, *(c.get(_analysis(key), 0.95) for c in confidences))
         asked = method.quantities and EVERYTHING not in method.quantities
         if contrast is None and not asked and not _interval(a, b):
             continue
         within = method.equivalent_within(a.quantity, a.unit, rule)
         tests.append(_Tested(key, rule, a, b, trial, contrast, within))
     return tests, [Problem(trial, reason) for reason in units.values()]
+
+
+def _unlike(
+    key: Key, reference: Mapping[Place, Mapping[str, Estimate]], other: Mapping[Place, Mapping[str, Estimate]]
+) -> tuple[str, ...]:
+    """What else was not alike there."""
+    quantity, place = key
+    return tuple(dict.fromkeys(unlike(quantity, reference[place], other[place])))
 
 
 def _interval(*rows: Estimate) -> bool:
@@ -329,9 +338,9 @@ def _row(test: _Tested, method: Method, reference: str, extra: Mapping[str, Any]
         bin_high=a.bin_high,
         track_id=a.track_id,
         group=a.group,
-        flags=tuple(dict.fromkeys((*a.flags, *b.flags))),
+        flags=tuple(dict.fromkeys((*test.unlike, *a.flags, *b.flags))),
         extra={
-            "analysis": test.key[0],
+            "analysis": _analysis(test.key),
             "measure": test.rule.measure,
             "trial": test.trial,
             "reference": reference,
@@ -346,9 +355,13 @@ def _row(test: _Tested, method: Method, reference: str, extra: Mapping[str, Any]
 # --- what could not be compared ---------------------------------------------------------------------------------------
 
 
+def _analysis(key: Key) -> str:
+    return key[1][0]
+
+
 def _place(key: Key) -> str:
     """A bin in words, in stored units."""
-    _, _, variable, low, high, group, _ = key
+    _, (_, variable, low, high, group, _) = key
     words = "the whole trial" if variable is None or math.isinf(low) else f"{variable} {low:g} to {high:g}"
     return f"{words} ({group})" if group else words
 
@@ -360,10 +373,11 @@ def _unmatched(
     for name, own, others in ((reference, of_reference, of_trial), (trial, of_trial, of_reference)):
         other = trial if name == reference else reference
         places: dict[str, list[str]] = {}
-        there = {(key[0], _place(key)) for key in others}
+        there = {(_analysis(key), _place(key)) for key in others}
         for key in own:
-            if (key[0], _place(key)) not in there and _place(key) not in places.setdefault(key[0], []):
-                places[key[0]].append(_place(key))
+            analysis = _analysis(key)
+            if (analysis, _place(key)) not in there and _place(key) not in places.setdefault(analysis, []):
+                places[analysis].append(_place(key))
         for analysis, found in places.items():
             if found:
                 shown = ", ".join(found[:8]) + (f" and {len(found) - 8} more" if len(found) > 8 else "")
@@ -371,7 +385,7 @@ def _unmatched(
 
 
 def _nothing_common(names: Sequence[str], tables: Sequence[Mapping[Key, Estimate]], problems: Sequence[Problem]) -> str:
-    held = [sorted({key[0] for key in table}) for table in tables]
+    held = [sorted({_analysis(key) for key in table}) for table in tables]
     if not set(held[0]).intersection(*held[1:]):
         each = "; ".join(
             f"{name} has {', '.join(h) or 'nothing to compare'}" for name, h in zip(names, held, strict=True)

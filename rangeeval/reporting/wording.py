@@ -67,6 +67,10 @@ FLAGS = {
     "at-floor": "the tuned value stands at the floor set for it: the plots ask for still less.",
     "given": "given in trial.toml.",
     "never-held": "no track was ever on this target.",
+    "unlike-snr": "SNR is not alike in the two trials (by more than 1 dB and the intervals): it changes σ by itself.",
+    "unlike-gains": "the mean gains differ by over 10 %: the filter smooths differently, whatever the radar measures.",
+    "unlike-path": "the ranges flown in the bin, or the angles off boresight, differ: a metre across is another angle "
+    "(by over 10 %).",
     "better": "the first filter is better; the interval of the difference does not hold 0.",
     "worse": "the first filter is worse; the interval of the difference does not hold 0.",
     "not-told-apart": "the log does not tell the two filters apart.",

@@ -31,6 +31,7 @@ KEPT = 4096
 _FIELDS = 7
 STEP = 0.2  # a gain change of more than this is a jump
 _GAP = 4.5  # an interval of more than this many usual ones is a coast of more than a few updates
+_PAUSE = 1.5  # usual intervals; samples further apart are not neighbours
 _OCTAVES = 48
 _PER_OCTAVE = 32
 _LOWEST = 1023 - 24  # buckets reach from 2^-24 to 2^24
@@ -537,6 +538,30 @@ class Cell:
         """The weighted squares of the samples kept about a mean."""
         parts: Array = self.kept[weight] * (self.kept[VALUE] - mean) ** 2
         return parts
+
+    def weighted_lag_sums(self, weight: int, mean: float) -> LagSums:
+        """Lag sums of the samples less a mean, each scaled with the root of its weight (row of `kept`).
+
+        The memory of what is summed where weights are uneven: near the radar, say, where the angle's weights are and
+        gains near 1 ring. For a cell that is `exact`. Tracks are kept apart, and so are stretches between gaps.
+        """
+        order = np.lexsort((self.kept[TIME], self.kept[TRACK]))
+        time, track = self.kept[TIME, order], self.kept[TRACK, order]
+        values = np.sqrt(self.kept[weight, order]) * (self.kept[VALUE, order] - mean)
+        step = np.diff(time)
+        usual = float(np.median(step[step > 0.0])) if np.any(step > 0.0) else 0.0
+        new = np.concatenate([[True], (np.diff(track) != 0.0) | (step <= 0.0) | (step > _PAUSE * usual)])
+        stretch = np.cumsum(new) - 1
+        longest = int(np.bincount(stretch).max())
+        # One after another with room for every lag between them, so that no pair is of two stretches.
+        place = np.arange(values.size) + LAGS * stretch
+        x, there = np.zeros(place[-1] + 1 + LAGS), np.zeros(place[-1] + 1 + LAGS)
+        x[place], there[place] = values, 1.0
+        shifted = [slice(k, x.size - LAGS + k) for k in range(LAGS + 1)]
+        products = np.array([x[shifted[0]] @ x[s] for s in shifted])
+        pairs = np.array([there[shifted[0]] @ there[s] for s in shifted])
+        none = np.zeros(LAGS + 1)
+        return LagSums(0.0, longest, pairs, products, none, none)
 
     def weight_spread(self, weight: int) -> float:
         """Mean square of the weights of the samples kept over the square of their mean: 1 when all are equal."""

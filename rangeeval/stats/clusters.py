@@ -29,7 +29,8 @@ def cluster_excess(values: ArrayLike, cluster: ArrayLike, variance: float, level
     """Compare the scatter of cluster totals with the `variance` expected of the total of all `values` (n).
 
     `cluster` (n): a number for each value's cluster. Two clusters or more are needed to see anything. `level`: of the
-    test that decides whether the clusters differ.
+    test that decides whether the clusters differ; 1 takes their scatter for what there is, but for no less variance
+    than expected.
 
     References
     ----------
@@ -42,6 +43,6 @@ def cluster_excess(values: ArrayLike, cluster: ArrayLike, variance: float, level
         return Excess()
     deviations: NDArray[np.float64] = np.bincount(code, x) - sizes * x.mean()
     seen = groups / (groups - 1) * float(deviations @ deviations)
-    if special.chdtrc(groups - 1, (groups - 1) * seen / variance) >= level:
+    if level < 1.0 and special.chdtrc(groups - 1, (groups - 1) * seen / variance) >= level:
         return Excess()
-    return Excess(seen / variance, groups - 1.0)
+    return Excess(max(seen / variance, 1.0), groups - 1.0)

@@ -73,6 +73,32 @@ def test_tracks_that_differ_count_as_the_samples():
     assert unlike.extra["nu"] < 25
 
 
+def test_where_a_track_is_hardly_more_than_one_sample_the_tracks_count():
+    """Four tracks that ring all along: fewer degrees of freedom than the tracks' number, whatever their samples say."""
+    rng = np.random.default_rng(4)
+    each = 60 + SETTLING
+    track = np.repeat(np.arange(4), each)
+    ringing = np.repeat(rng.standard_normal(4), each) * np.where(np.arange(4 * each) % 2, 1.0, -1.0)
+    data = log(rng, np.full(4 * each, 52_000.0), 0.3, track)
+    data["range_residual_m"] += 3.0 * ringing
+    row = one(accuracy(data, Bins()), "range_sigma")
+    assert row.n == 240
+    assert row.extra["nu"] < 4.0
+
+
+def test_the_memory_of_an_angle_is_that_where_its_weights_are():
+    """Residuals white far out and ringing close by: the angle, which weighs the last, has fewer degrees of freedom."""
+    rng = np.random.default_rng(5)
+    ranges = inbound(600)
+    plain, ringing = log(rng, ranges), log(rng, ranges)
+    x, near = ringing["z_residual_m"], ranges < 1500.0
+    for k in np.flatnonzero(near):
+        x[k] = -0.9 * x[k - 1] + np.sqrt(1.0 - 0.81) * x[k]
+    white, rings = (one(accuracy(data, Bins()), "azimuth_sigma").extra["nu"] for data in (plain, ringing))
+    assert white > 80
+    assert rings < 0.75 * white
+
+
 def test_a_robust_sigma_is_less_sure():
     """The median absolute deviation has 37 % of the efficiency: its degrees of freedom say so."""
     result = accuracy(log(np.random.default_rng(3), np.full(300, 52_000.0)), Bins())

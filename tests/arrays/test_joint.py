@@ -126,6 +126,130 @@ def test_the_guard_sees_a_source_too_many():
         assert "unmodelled-source" in flag_words(int(short.flags[-1, 0]))
 
 
+def in_numpy(x, bearing, rate, *, q, largest, ahead, opening):
+    """The tracker on LINE written out: R inverted, the whole state's covariance inverted, steps shortened together."""
+    n, m, block = bearing.size, LINE.sensors, 10
+    one, zero = np.eye(n), np.zeros((n, n))
+    s, cov = np.concatenate([bearing, rate]), np.diag(np.repeat([np.deg2rad(0.5) ** 2, 1e-8], n))
+
+    def parts(power, noise):
+        a, d = steering(LINE, s[:n])
+        return a, d, np.linalg.inv((a * power) @ a.conj().T + noise * np.eye(m))
+
+    def refitted(power, noise, e, share):
+        a, _, inverse = parts(power, noise)
+        grown = power + share * power**2 * np.diag(a.conj().T @ inverse @ (e @ inverse - np.eye(m)) @ a).real
+        return grown, noise + share * noise**2 * np.trace(inverse @ e @ inverse - inverse).real / m
+
+    def covariance_of(part):
+        return part.T @ part.conj() / len(part)
+
+    found = []
+    for b in range(len(x) // block):
+        e = covariance_of(x[b * block : (b + 1) * block])
+        f = np.block([[one, ahead * one], [zero, one]])
+        noise_of_f = np.zeros((2 * n, 2 * n))
+        for _ in range(round(ahead)):  # a new acceleration every snapshot
+            step = np.block([[one, one], [zero, one]])
+            noise_of_f = step @ noise_of_f @ step.T + q * np.block([[one / 4, one / 2], [one / 2, one]])
+        s, cov, ahead = f @ s, f @ cov @ f.T + noise_of_f, block
+        if b == 0:
+            power, noise = np.ones(n), 1.0
+            for _ in range(200):
+                power, noise = refitted(power, noise, covariance_of(x[:opening]), 1.0)
+        prior, before = np.linalg.inv(cov), s
+        for _ in range(2):
+            a, d, inverse = parts(power, noise)
+            ad, aa, dd = (left.conj().T @ inverse @ right for left, right in ((a, d), (a, a), (d, d)))
+            slope, info = prior @ (s - before), prior.copy()
+            slope[:n] += 2 * block * power * np.diag(ad - a.conj().T @ inverse @ e @ inverse @ d).real
+            info[:n, :n] += 2 * block * np.outer(power, power) * (ad * ad.T + aa * dd.T).real
+            ds = np.linalg.solve(info, slope)
+            s = s - ds * min(1.0, largest / np.abs(ds[:n]).max())
+        cov = np.linalg.inv(info)
+        power, noise = refitted(power, noise, e, 0.2)
+        found.append(np.concatenate([s, np.sqrt(np.diag(cov)), power, [noise]]))
+    return np.array(found)
+
+
+@pytest.mark.parametrize("largest_deg", [0.15, 5.0], ids=["short steps", "whole steps"])
+def test_the_tracker_is_its_equations_written_out(largest_deg):
+    """Every output against numpy and full matrices, through a crossing; start in a block's middle, 40 to open."""
+    x = snapshots(LINE, CROSSING, 5.0, 400, 3)
+    bearing, rate = CROSSING[0] + np.deg2rad([0.6, -0.4, 0.3]), CROSSING[1] - CROSSING[0]
+    options = JointOptions(
+        process_variance=1e-9, largest_step_rad=np.deg2rad(largest_deg), limit_together=True, opening=40,
+        start_sample=4.5,
+    )  # fmt: skip
+    found = track("joint-ml", LINE, x, bearing, rate, options)
+    ours = np.hstack([found.bearing_rad, found.rate_rad, found.bearing_sigma_rad, found.rate_sigma_rad, found.power])
+    wanted = in_numpy(x, bearing, rate, q=1e-9, largest=np.deg2rad(largest_deg), ahead=0, opening=40)
+    assert ours == pytest.approx(wanted[:, :-1], rel=1e-6, abs=1e-9)
+    assert found.noise == pytest.approx(wanted[:, -1], rel=1e-6)
+
+
+@pytest.mark.parametrize("sample", [-3.0, 0.0, 4.5, 30.0])
+def test_the_start_may_hold_at_any_snapshot(sample):
+    """Without data the state is the start carried there, forward or back, and as uncertain as that makes it."""
+    x = np.full((20, LINE.sensors), np.nan, complex)
+    found = track("joint-ml", LINE, x, [0.2], [1e-3], JointOptions(process_variance=1e-8, start_sample=sample))
+    ahead = 4.5 - sample
+    assert found.bearing_rad[0, 0] == pytest.approx(0.2 + 1e-3 * ahead, abs=1e-15)
+    acceleration = 1e-8 * (abs(ahead) ** 3 / 3 - abs(ahead) / 12)
+    assert found.bearing_sigma_rad[0, 0] ** 2 == pytest.approx(
+        np.deg2rad(0.5) ** 2 + (1e-4 * ahead) ** 2 + acceleration, rel=1e-12
+    )
+    assert found.rate_sigma_rad[0, 0] ** 2 == pytest.approx(1e-8 + 1e-8 * abs(ahead), rel=1e-12)
+
+
+@pytest.mark.parametrize("opening", [1, 40])
+def test_powers_and_noise_open_at_their_most_likely(opening):
+    """At the bearings of the start the likelihood of that many snapshots, a block at least, is flat in all of them."""
+    x = snapshots(LINE, THETA, 3.0, 100, 8)
+    found = track("joint-ml", LINE, x, THETA, None, JointOptions(opening=opening, memory=1e12))
+    part = x[: max(opening, 10)]
+    e = part.T @ part.conj() / len(part)
+    a = steering(LINE, THETA)[0]
+    inverse = np.linalg.inv(model(LINE, THETA, found.power[0], found.noise[0]))
+    assert np.diag(a.conj().T @ inverse @ e @ inverse @ a).real == pytest.approx(
+        np.diag(a.conj().T @ inverse @ a).real, rel=1e-3
+    )
+    assert np.trace(inverse @ e @ inverse).real == pytest.approx(np.trace(inverse).real, rel=1e-3)
+
+
+def test_a_step_is_limited_for_each_bearing_or_for_all():
+    """Each: those that would go farther go as far as they may. Together: all go the same share of their way."""
+    x, wrong = snapshots(LINE, THETA, 5.0, 10, 3), THETA + np.deg2rad([0.5, -0.1, 0.3])
+
+    def moved(**how):
+        found = track("joint-ml", LINE, x, wrong, None, JointOptions(iterations=1, **how))
+        return found.innovation_rad[0], found.rate_rad[0]
+
+    whole, turned = moved()
+    most = 0.5 * np.abs(whole).max()
+    assert moved(largest_step_rad=most)[0] == pytest.approx(np.clip(whole, -most, most), rel=1e-9)
+    shared, shared_rate = moved(largest_step_rad=most, limit_together=True)
+    assert shared == pytest.approx(0.5 * whole, rel=1e-9)
+    assert shared_rate == pytest.approx(0.5 * turned, rel=1e-9)
+
+
+def test_blocks_of_one_broad_band_snapshot_open_on_more():
+    """One snapshot does not tell a bin's powers from its noise: over 30 runs ten of them halve the error."""
+    band = line(8, 0.12, [SPEED / w for w in np.linspace(0.24, 0.36, 10)], SPEED)
+    path = np.deg2rad(np.array([-30.0, 0.0, 25.0]) + np.array([0.3, -0.15, -0.24]) * np.arange(60)[:, None])
+    a = steering(band, path.ravel())[0].reshape(10, 8, 60, 3)
+    square = {1: 0.0, 10: 0.0}
+    for run in range(30):
+        rng = RNG([12, run])
+        x = np.einsum("fmkn,fkn->kfm", a, normal(rng, 10, 60, 3)) + 10**-0.25 * normal(rng, 60, 10, 8)
+        starts = path[0] + np.deg2rad(0.5) * rng.standard_normal(3)
+        for opening in square:
+            options = JointOptions(block=1, opening=opening, process_variance=1e-8)
+            found = track("joint-ml", band, x, starts, path[1] - path[0], options)
+            square[opening] += np.mean((found.bearing_rad - path) ** 2)
+    assert square[10] < 0.5 * square[1]
+
+
 def test_missing_snapshots_are_predicted_over():
     """Two blocks without data: flagged, sigma grows, and the track is picked up again where it went."""
     x = snapshots(LINE, CROSSING[:, :1], 5.0, 400, 4)

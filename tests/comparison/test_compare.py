@@ -13,6 +13,8 @@ from rangeeval.comparison import Method, compare
 from rangeeval.comparison.rules import RULES, rule_of
 from rangeeval.errors import InputError, SettingsError
 from rangeeval.model import Estimate, Result
+from rangeeval.reporting.blocks import Notice
+from rangeeval.reporting.sections import compare as layout
 from rangeeval.stats.intervals import sigma_interval
 
 
@@ -316,3 +318,48 @@ def test_any_form_of_a_trial_gives_the_same_comparison(tmp_path):
     assert {r.bin_high - r.bin_low for r in wider.rows} == {10_000.0}
     with pytest.raises(InputError, match=r"0\.json: holds results, not logs"):
         rangeeval.compare(*saved, plan_of=plan_of)
+
+
+@pytest.mark.parametrize(
+    ("context", "flags"),
+    [
+        ({}, ()),
+        ({"snr": (20.0, 20.8)}, ()),
+        ({"snr": (20.0, 22.0)}, ("unlike-snr",)),
+        ({"alpha_z": (0.4, 0.42)}, ()),
+        ({"alpha_z": (0.4, 0.5)}, ("unlike-gains",)),
+        ({"beta_z": (0.2, 0.1)}, ("unlike-gains",)),
+        ({"alpha_y": (0.4, 0.5)}, ()),  # another axis
+        ({"z_sigma": (10.0, 12.0)}, ("unlike-path",)),  # the same angle from more metres: another path
+    ],
+)
+def test_what_else_was_not_alike_in_the_bin_is_flagged(context, flags):
+    """SNR, gains of the axis and the lever from metres to angle, each from the rows of the same bin."""
+
+    def made(which, name):
+        rows = [sigma(1e-3, 200.0, quantity="azimuth_sigma", unit="rad")]
+        for quantity, values in context.items():
+            value = values[which]
+            rows.append(Estimate(
+                quantity=quantity, unit="1", value=value, low=value - 0.3, high=value + 0.3, n=201, n_eff=201.0,
+                variable="range", bin_low=0.0, bin_high=5000.0,
+            ))  # fmt: skip
+        return trial(*rows, name=name)
+
+    row = only(compare([made(0, "A"), made(1, "B")]), quantity="azimuth_sigma")
+    assert row.flags == flags
+
+
+def test_what_was_not_alike_stands_beside_the_verdict():
+    """The table of tests has a column for it, and the notice says how many verdicts it touches."""
+    gains = [
+        Estimate(quantity="alpha_range", unit="1", value=v, low=v, high=v, n=201, n_eff=201.0, variable="range",
+                 bin_low=0.0, bin_high=5000.0)
+        for v in (0.3, 0.6)
+    ]  # fmt: skip
+    result = compare([trial(sigma(2.0, 200.0), gains[0]), trial(sigma(3.0, 200.0), gains[1], name="B")])
+    (overview, *_) = layout.sections(result)
+    texts = [block.text for block in overview.blocks if isinstance(block, Notice)]
+    assert any("1 of the 1 better or worse stand where more than the radar differs" in text for text in texts)
+    (table, *_) = layout.short_tables(result, "Tests")
+    assert (table.head[-1], table.rows[0][-1]) == ("Not alike", "gains")

@@ -50,6 +50,7 @@ OWN_BIN_CORRELATION = 100  # samples; bins with fewer borrow the correlation of 
 OWN_VARIANCES = 1000
 SHAPIRO_BELOW = 100
 TRACKS_DIFFER = 0.05  # level of the test
+FEW_A_TRACK = 5.0  # degrees of freedom: with fewer, what a track has in common weighs more than its samples tell
 UNEVEN_WEIGHTS = 1.01  # mean square of the weights over their squared mean
 MAD_EFFICIENCY = 0.3675  # of the median absolute deviation against the standard deviation, for normal samples
 
@@ -184,34 +185,38 @@ def _freedom(cell: Cell, memory: Memory, sigmas: Sigmas, flags: tuple[str, ...],
     """Fewer degrees of freedom where tails are heavy, where a few samples carry a sum of squares, where tracks differ.
 
     The angle of a close target weighs a sample with 1 / R^2; gains, SNR and range that change inside a bin do the like.
-    The kurtosis of the weighted samples says how much, and is believed where something says that they are uneven. Where
-    tracks differ by more than their samples explain (another path past the radar, a manoeuvre), the tracks count.
+    The kurtosis of the weighted samples says how much, and is believed where something says that they are uneven; their
+    memory is then that of the weighted samples too. Where tracks differ by more than their samples explain (another
+    path past the radar), the tracks count, and always where targets manoeuvre or a track is hardly more than a sample.
     """
     n, s = cell.n, cell.sums
     if n < 2:
         return Freedom(*[math.nan] * 4)
     plain = float(jarque_bera_from_moments(n, s[c.M2], s[c.M3], s[c.M4]).kurtosis)
-    heavy = "not-normal" in flags
+    heavy, manoeuvres = "not-normal" in flags, "manoeuvre" in flags
+    tracks = np.unique(cell.kept[c.TRACK]).size
     varies = not {"snr-varies", "range-varies"}.isdisjoint(flags)
     mean = 0.0 if paper else sigmas.mean
 
-    def freedom(kurtosis: float, squares: Array, *, uneven: bool) -> float:
+    def freedom(kurtosis: float, squares: Array, n_eff: float, *, uneven: bool) -> float:
+        nu = _positive(float(degrees_of_freedom(n_eff)))
         if heavy and kurtosis > 3.0:
-            nu = _positive(float(degrees_of_freedom(memory.n_eff, kurtosis=kurtosis)))
-        else:
+            nu = _positive(float(degrees_of_freedom(n_eff, kurtosis=kurtosis)))
+        elif uneven and kurtosis > 3.0:
             # The kurtosis of n samples is at most n, and falls short the more the nearer it comes to that.
-            share = 3.0 / max(kurtosis * (1.0 + kurtosis / n), 3.0) if uneven and kurtosis > 0.0 else 1.0
-            nu = _positive(float(degrees_of_freedom(memory.n_eff)) * share)
+            nu *= 3.0 / (kurtosis * (1.0 + kurtosis / n))
         expected = 2.0 * float(squares.sum()) ** 2 * n / (nu * squares.size)
-        level = TRACKS_DIFFER if 2.0 * nu > memory.n_eff else 0.5  # few samples carry the sum: the test sees little
+        level = 1.0 if manoeuvres or nu < FEW_A_TRACK * tracks else TRACKS_DIFFER
         return nu / cluster_excess(squares, cell.kept[c.TRACK], expected, level).allowance
 
     def weighted(row: int) -> float:
-        uneven = varies or cell.weight_spread(row) > UNEVEN_WEIGHTS
-        return freedom(cell.weighted_kurtosis(row, mean), cell.squares(row, mean), uneven=uneven)
+        spread = cell.weight_spread(row) > UNEVEN_WEIGHTS
+        own = spread and cell.exact and n >= OWN_BIN_CORRELATION
+        n_eff = effective_samples_from(cell.weighted_lag_sums(row, mean)) if own else memory.n_eff
+        return freedom(cell.weighted_kurtosis(row, mean), cell.squares(row, mean), n_eff, uneven=varies or spread)
 
     return Freedom(
-        freedom(plain, (cell.kept[c.VALUE] - mean) ** 2, uneven=varies),
+        freedom(plain, (cell.kept[c.VALUE] - mean) ** 2, memory.n_eff, uneven=varies),
         weighted(c.WEIGHT),
         weighted(c.ANGLE_WEIGHT),
         _positive(MAD_EFFICIENCY * float(degrees_of_freedom(memory.n_eff))),

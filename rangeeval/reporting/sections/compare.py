@@ -27,6 +27,7 @@ NOTE = (
 ON_A_PAGE = 3  # panels
 
 VERDICTS = ("better", "worse", "equivalent", "inconclusive")
+UNLIKE = "unlike-"  # flags of what else differs between the trials in a bin
 _ADJUSTED = {
     "holm": "Holm: the chance of any false claim in the whole table stays below the level",
     "bh": "Benjamini and Hochberg: the expected share of false claims among all claims stays below the level",
@@ -81,6 +82,9 @@ def _notice(result: Result, trial: str) -> Notice:
     unsigned = sum(bool(row.extra["differs"]) and row.extra["verdict"] == "inconclusive" for row in rows)
     tally = ", ".join(f"{number} {word}" for word, number in count.items())
     more = f"; {unsigned} of the inconclusive differ, in a quantity that has no better side" if unsigned else ""
+    signed = [row for row in rows if row.extra["verdict"] in {"better", "worse"}]
+    unlike = sum(bool(_unlike(row)) for row in signed)
+    more += f"; {unlike} of the {len(signed)} better or worse stand where more than the radar differs" if unlike else ""
     level = "bad" if count["worse"] else "good" if count["better"] or count["equivalent"] else "info"
     text = f"Of {len(rows)} tests against {result.settings['reference']}: {tally}{more}."
     return Notice(text, level, trial)  # type: ignore[arg-type]
@@ -105,6 +109,7 @@ def _tests(result: Result, caption: str, rows: Sequence[Estimate], *, named: boo
     """
     several = len(_trials(result)) > 1
     grouped = any(row.group for row in rows)
+    unlike = any(_unlike(row) for row in rows)
     body: list[list[str | Cell]] = []
     for row in rows:
         extra = row.extra
@@ -116,12 +121,19 @@ def _tests(result: Result, caption: str, rows: Sequence[Estimate], *, named: boo
         body.append([
             *cells, bin_text(row), estimate_text(_of(row, "reference")), estimate_text(_of(row, "trial")),
             sign + estimate_text(row), _p(extra["p_adjusted"]), Cell("differs" if differs else "", extra["verdict"]),
-            _more(row),
+            _more(row), *([_unlike(row)] if unlike else []),
         ])  # fmt: skip
     effect = "Ratio × or difference Δ" if named else str(rows[0].extra["measure"]).capitalize()
     first = [*(["Trial"] if several else []), *(["Quantity"] if named else []), *(["Group"] if grouped else []), "Bin"]
     head = [*first, "Reference", "Compared", effect, "p, adjusted", "Verdict", "More samples"]
-    return Table(caption, head, body, "l" * len(first) + "rrrrlr")
+    head += ["Not alike"] * unlike
+    return Table(caption, head, body, "l" * len(first) + "rrrrlr" + "l" * unlike)
+
+
+def _unlike(row: Estimate) -> str:
+    """What else differs between the two trials there, in words."""
+    words = [flag.removeprefix(UNLIKE) for flag in row.flags if flag.startswith(UNLIKE)]
+    return ", ".join("SNR" if word == "snr" else word for word in words)
 
 
 def _with_unit(row: Estimate) -> str:
