@@ -244,8 +244,8 @@ class Requirement:
 class LogSettings:
     """How to read a file whose columns or dialect are not the standard ones.
 
-    `editions`, `sensor` and `height_m` are of ASTERIX recordings: the edition of a category (`CAT021`), the one sensor
-    to read (`SAC/SIC`), and the height of positions that give none (targets on the ground).
+    The last five are of ASTERIX recordings: the edition of a category (`CAT021`), the one sensor to read (`SAC/SIC`),
+    the height of positions that give none (targets on the ground), and the point that x and y count from.
     """
 
     file: str
@@ -259,6 +259,8 @@ class LogSettings:
     editions: Mapping[str, str] = field(default_factory=dict)
     sensor: str | None = None
     height_m: float | None = None
+    latitude_deg: float | None = None
+    longitude_deg: float | None = None
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from rangeeval.model import Table, Trial
 from rangeeval.parsers import FORMATS, could_be_log, open_trial
 from rangeeval.parsers.asterix import tables
 from rangeeval.parsers.asterix.reports import REPORTS
+from rangeeval.physics.geodesy import north_up_east
 from tests.parsers.samples import SAMPLES, SNAPSHOTS, compressed, csv_text
 from tests.recordings import (
     block,
@@ -157,6 +158,28 @@ def test_surface_positions_are_truth(tmp_path: Path) -> None:
     assert table.floats("height_m") == pytest.approx([100 * FOOT])
 
 
+def test_x_and_y_are_truth_where_their_origin_is_known(tmp_path: Path) -> None:
+    """CAT010 with x and y, and `latitude_deg`, `longitude_deg` of what they count from: positions, back in x and y."""
+    base = {"010": b"\x00\x6b", "000": b"\x01", "020": b"\x20", "220": b"\x34\x25\x92"}
+    records = [
+        record("010", base | {"140": time(10), "042": struct.pack(">hh", -300, 400)}),
+        record("010", base | {"140": time(11), "042": struct.pack(">hh", 20_000, -30_000), "090": b"\x01\x90"}),
+    ]
+    toml = "latitude_deg = 41.297\nlongitude_deg = 2.078\nheight_m = 55.0"
+    (log,) = opened(tmp_path, block(10, *records), toml).logs
+    assert log.kind == "truth"
+    table = log.read()
+    assert table.floats("height_m") == pytest.approx([55.0, 10000 * FOOT])
+    latitude, longitude = (np.radians(table.floats(n)) for n in ("latitude_deg", "longitude_deg"))
+    place = north_up_east(latitude, longitude, 0.0, (np.radians(41.297), np.radians(2.078), 0.0))
+    assert place[:, 0] == pytest.approx(
+        [400, -30_000], abs=0.6
+    )  # the foot of a point 100 m above the ground, 0.6 m off
+    assert place[:, 2] == pytest.approx([-300, 20_000], abs=0.6)
+    (plots,) = opened(tmp_path, block(10, *records), toml + '\nkind = "plots"').logs
+    assert plots.read().floats("range_m")[0] == 500.0
+
+
 def test_ads_b_positions_are_truth(tmp_path: Path) -> None:
     """CAT021: the fine position, the geometric height, else the flight level, else height_m of trial.toml."""
     data = b"".join([
@@ -248,6 +271,19 @@ def test_sensors_may_share_a_data_block(tmp_path: Path) -> None:
     assert counted(trial, "another sensor inside a data block") == 5
 
 
+def test_a_damaged_sensor_name_makes_no_log(tmp_path: Path) -> None:
+    """One block of a thousand with another sensor is set aside; the others keep their log and their targets' names."""
+    blocks = [block(48, plot(i, 10, 20, address=0x3C660C)) for i in range(1000)]
+    blocks[500] = block(48, plot(500, 10, 20, sensor=(89, 11), address=0x3C660C))
+    trial = opened(tmp_path, b"".join(blocks))
+    table = whole(trial)
+    assert len(table) == 999
+    assert set(table.texts("target_id")) == {"3C660C"}
+    assert counted(trial, "CAT048 89/11, a sensor that is named less than once in 500") == 1
+    trial = opened(tmp_path, b"".join(blocks), 'sensor = "89/11"')
+    assert len(whole(trial)) == 1
+
+
 def test_the_edition_is_the_newest_that_fits(tmp_path: Path) -> None:
     """Edition 0.23 of CAT021 has other items in other places: it is found, said, and can be asked for."""
     items = {
@@ -273,6 +309,7 @@ def test_the_edition_is_the_newest_that_fits(tmp_path: Path) -> None:
     [
         ('editions = { CAT048 = "9.9" }', r"edition '9.9' of CAT048 is not known; known: 1.32, 1.31"),
         ('editions = { CAT084 = "1.0" }', r"editions in trial.toml names 'CAT084'; did you mean 'CAT048'"),
+        ("latitude_deg = 41.0", r"latitude_deg 41.0 and longitude_deg None; expected both"),
         ('sensor = "1/2"', r"asks for sensor '1/2'; the file holds 25/11"),
     ],
 )

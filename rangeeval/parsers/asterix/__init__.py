@@ -10,7 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from rangeeval.parsers.asterix.captures import is_capture
-from rangeeval.parsers.asterix.framing import is_chain
+from rangeeval.parsers.asterix.framing import CATEGORIES, is_chain
 from rangeeval.parsers.asterix.recording import Recording
 from rangeeval.parsers.blocks import Contents, SourceFile
 from rangeeval.parsers.streams import compression, head_of
@@ -20,6 +20,8 @@ _CHAIN_BYTES = 1 << 18
 
 def recognises(head: bytes, path: Path) -> bool:
     """A chain of data blocks (compressed files are looked into)."""
+    if head and head[0] not in CATEGORIES and b"\0" not in head and not compression(head):
+        return False  # most texts, without another look
     data = head_of(path, _CHAIN_BYTES)
     return is_chain(data, len(data) < _CHAIN_BYTES)
 

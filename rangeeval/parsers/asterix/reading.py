@@ -16,6 +16,7 @@ from rangeeval.parsers.asterix.tables import HEADER_BYTES, Edition, Malformed
 from rangeeval.parsers.blocks import Block, Coded
 from rangeeval.parsers.clock import Clock
 from rangeeval.parsers.columns import Field
+from rangeeval.physics.geodesy import latitude_longitude
 
 Numbers = dict[str, NDArray[np.float64]]
 Offsets = NDArray[np.int64]
@@ -62,13 +63,15 @@ class Records:
 class Source:
     """A sensor whose records become a log, by which report and edition.
 
-    `shared`: its records stand in one data block with those of other sensors.
+    `shared`: its records stand in one data block with those of other sensors. `origin`: latitude and longitude (rad) of
+    the point that x and y count from; positions are made of them.
     """
 
     report: Report
     edition: Edition
     sensor: int
     shared: bool = False
+    origin: tuple[float, float] | None = None
 
     @property
     def name(self) -> str:
@@ -107,7 +110,12 @@ class Source:
     def numbers(self, records: Records) -> Numbers:
         """The numbers of records, (n,) each, in the units of their fields; NaN where missing."""
         found = self.edition.numbers(records.data, records.places)
-        return {name: found.get(name, np.full(len(records.places), np.nan)) for name in self.report.fields}
+        numbers = {name: found.get(name, np.full(len(records.places), np.nan)) for name in self.report.fields}
+        if self.origin is not None and {"x", "latitude"} <= set(numbers):
+            made = latitude_longitude(numbers["y"], numbers["x"], (*self.origin, 0.0))
+            for name, angle in zip(("latitude", "longitude"), made, strict=True):
+                numbers[name] = np.where(np.isnan(numbers[name]), np.degrees(angle), numbers[name])
+        return numbers
 
 
 def _records(edition: Edition, frames: Iterable[Frame]) -> Records:

@@ -22,7 +22,8 @@ from rangeeval.parsers.columns import lay_out
 from rangeeval.parsers.streams import damage, opened
 
 _SAMPLE = 100  # data blocks of a sensor by which its edition is chosen
-_MAX_SENSORS = 256
+_SAMPLE_BYTES = 1 << 17
+_MAX_SENSORS = 1024
 _NOT_LOST = {framing.NO_BLOCK, OTHER_LINK}  # other traffic of a network, no rows of a log
 
 
@@ -105,8 +106,9 @@ class Recording:
                 continue
             sensor = sensors.setdefault((category, sensor_of(frame[1])), Sensor())
             sensor.count += 1
-            if len(sensor.sample) < _SAMPLE:
+            if len(sensor.sample) < _SAMPLE and sensor.size < _SAMPLE_BYTES:
                 sensor.sample.append(frame)
+                sensor.size += len(frame[1])
                 if len(sensors) > _MAX_SENSORS:
                     raise InputError(f"{self.file.name}: names more than {_MAX_SENSORS} sensors; is it ASTERIX?")
         return sensors, others

@@ -205,7 +205,8 @@ REPORTS = (
         **_SURFACE, "range": "040/RHO", "azimuth": "040/TH", "x": "042/X", "y": "042/Y",
     }, ("range", "x"), ("range_m", "azimuth_deg"), _surface_plots),
     Report(10, "truth", {
-        **_SURFACE, "latitude": "041/LAT", "longitude": "041/LON", "height": "091", "level": "090/FL",
+        **_SURFACE, "latitude": "041/LAT", "longitude": "041/LON", "x": "042/X", "y": "042/Y", "height": "091",
+        "level": "090/FL",
     }, ("latitude",), _GEODETIC, _surface_truth),
     Report(21, "truth", {
         **SENSOR, "time": "071", "received": "073", "sent": "077", "of_day": "030", "address": "080",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from dataclasses import dataclass, field
 
 from rangeeval.errors import SettingsError, did_you_mean, one_line
@@ -13,12 +15,15 @@ from rangeeval.parsers.asterix.reports import REPORTS, Report
 from rangeeval.parsers.asterix.tables import Edition, editions
 from rangeeval.parsers.blocks import SourceFile
 
+_STRAY = 500
+
 
 @dataclass
 class Sensor:
-    """The data blocks of one category that one sensor begins: how many, and the first of them."""
+    """The data blocks of one category that one sensor begins: how many, and the first of them with their bytes."""
 
     count: int = 0
+    size: int = 0
     sample: list[Frame] = field(default_factory=list)
 
 
@@ -32,9 +37,11 @@ class Finder:
         self.file = file
         self.settings = file.settings or LogSettings(file.name)
         self.sensors = dict(sensors)
+        self.origin = self._origin()
         self.problems: list[Problem] = []
         self._compiled: dict[tuple[int, str, str], Edition] = {}
         self._check_editions()
+        self._leave_out_strays()
 
     def _check_editions(self) -> None:
         categories = {f"CAT{report.category:03d}": report.category for report in REPORTS}
@@ -50,6 +57,31 @@ class Finder:
                     f"{self.file.name}: edition '{one_line(edition, 20)}' of {name} is not known; "
                     f"known: {', '.join(known)}"
                 )
+
+    def _origin(self) -> tuple[float, float] | None:
+        """The point (rad) that x and y count from, where `trial.toml` gives it."""
+        place = (self.settings.latitude_deg, self.settings.longitude_deg)
+        if place == (None, None):
+            return None
+        if None in place or not (abs(place[0] or 0.0) <= 90 and abs(place[1] or 0.0) <= 180):
+            raise SettingsError(
+                f"{self.file.name}: [[logs]] in trial.toml has latitude_deg {place[0]} and longitude_deg {place[1]}; "
+                f"expected both, at most 90 and 180"
+            )
+        return math.radians(place[0] or 0.0), math.radians(place[1] or 0.0)
+
+    def _leave_out_strays(self) -> None:
+        """A sensor that hardly ever begins a data block is a damaged name of another: it makes no log of its own."""
+        blocks = Counter[int]()
+        for (category, _), held in self.sensors.items():
+            blocks[category] += held.count
+        for key, held in list(self.sensors.items()):
+            if _STRAY * held.count < blocks[key[0]] and self.settings.sensor != shown(key[1]):
+                reason = (
+                    f"data blocks of CAT{key[0]:03d} {shown(key[1])}, a sensor that is named less than once in {_STRAY}"
+                )
+                self.problems.append(Problem(self.file.name, reason, held.count, rejected=True))
+                del self.sensors[key]
 
     def sources(self) -> list[Source]:
         """One source a log, in order of category and sensor."""
@@ -110,7 +142,7 @@ class Finder:
             sample = self.sensors[category, sensor].sample
             for other in Source(report, self._edition(report, names[0]), sensor).sensors_in(sample) - {sensor}:
                 shared.add(category)
-                self.sensors.setdefault((category, other), Sensor(0, sample))
+                self.sensors.setdefault((category, other), Sensor(sample=sample))
                 fitting.setdefault((category, other), names)
         return shared
 
@@ -125,11 +157,13 @@ class Finder:
 
     def _source(self, category: int, sensor: int, name: str, shared: bool) -> Source | None:
         """The source by the first report whose numbers the sensor's records have."""
-        for report in REPORTS:
-            if report.category == category and self.file.kind in (None, report.kind):
-                source = Source(report, self._edition(report, name), sensor, shared)
-                if source.has_rows(self.sample(source)):
-                    return source
+        reports = [r for r in REPORTS if r.category == category and self.file.kind in (None, r.kind)]
+        if self.origin is not None:
+            reports.sort(key=lambda r: r.kind != "truth")
+        for report in reports:
+            source = Source(report, self._edition(report, name), sensor, shared, self.origin)
+            if source.has_rows(self.sample(source)):
+                return source
         return None
 
     def _edition(self, report: Report, name: str) -> Edition:
