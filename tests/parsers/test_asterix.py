@@ -360,6 +360,14 @@ def test_bytes_between_blocks_are_stepped_over(garbage: bytes, tmp_path: Path) -
     assert problem.examples[0].startswith(f"{tmp_path.name}/recording byte {sum(map(len, PLOTS[:9]))}:")
 
 
+def test_no_block_is_lost_after_long_noise(tmp_path: Path) -> None:
+    """Behind 400 kB of random bytes reading goes on with the first block there, and hardly any noise is taken for one."""
+    for seed in range(5):
+        noise = random.Random(seed).randbytes(400_000)
+        trial = opened(tmp_path, b"".join(PLOTS[:10]) + noise + b"".join(PLOTS[10:]))
+        assert whole(trial).floats("time_s").tolist() == list(range(20))
+
+
 @pytest.mark.parametrize("length", [0, 2, 5, 20, 40, 200, 65_535])
 def test_a_wrong_length_costs_that_block_alone(length: int, tmp_path: Path) -> None:
     """Too short, too long, into the next block: the other 19 plots are read, and something is counted."""

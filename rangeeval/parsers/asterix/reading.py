@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -201,16 +202,38 @@ class Reader:
             yield batch
 
     def _block(self, frames: Sequence[Frame], fields: Sequence[Field], clock: Clock) -> Block:
+        """The rows of some data blocks."""
+        records = _records(self.source.edition, frames)
+        numbers = self.source.numbers(records)
+        chosen, problems = self._chosen(frames, records, numbers)
+        offsets = records.offsets[chosen]
+        rows = self.source.report.rows({name: column[chosen] for name, column in numbers.items()})
+        keep = ~_refused(rows)
+        problems += [self._problem(reason, offsets[mask]) for reason, mask in rows.refused if mask.any()]
+        columns: dict[str, Any] = {name: column[keep] for name, column in rows.columns.items()}
+        for reason, mask in rows.notes:
+            if count := int(np.count_nonzero(mask[keep])):
+                if reason == NO_HEIGHT and self.height_m is not None:
+                    columns["height_ft"] = np.where(mask[keep], self.height_m / _FOOT_M, columns["height_ft"])
+                    reason = "positions without any height are at the height_m of trial.toml"
+                problems.append(Problem(self.where, reason, count))
+        columns["time_s"] = np.array([clock.run_on(time) for time in rows.time_s[keep].tolist()])
+        columns["target_id"] = self._names(rows.names[keep])
+        found = [columns[self.source.columns[f.position]] for f in fields]
+        return Block(found, offsets[keep], tuple(problems))
+
+    def _chosen(
+        self, frames: Sequence[Frame], records: Records, numbers: Numbers
+    ) -> tuple[NDArray[np.bool_], list[Problem]]:
+        """The source's target reports among the records, and what is wrong with others."""
         source = self.source
-        records = _records(source.edition, frames)
         problems = []
         damaged = records.damaged
         if len(damaged) and source.shared:  # told once, by the log of the sensor that the block names first
-            first = dict(frames)
-            damaged = np.array([at for at in damaged.tolist() if sensor_of(first[at]) == source.sensor], np.int64)
+            block = dict(frames)
+            damaged = np.array([at for at in damaged.tolist() if sensor_of(block[at]) == source.sensor], np.int64)
         if len(damaged):
             problems.append(self._problem(_DAMAGED, damaged))
-        numbers = source.numbers(records)
         chosen = _sensors(numbers) == source.sensor
         if not source.shared and not chosen.all():
             problems.append(self._problem(_FOREIGN, records.offsets[~chosen]))
@@ -219,27 +242,7 @@ class Reader:
             if service.any():
                 problems.append(Problem(self.where, _SERVICE, int(service.sum())))
             chosen &= ~service
-        offsets = records.offsets[chosen]
-        rows = source.report.rows({name: column[chosen] for name, column in numbers.items()})
-        keep = ~_refused(rows)
-        problems += [self._problem(reason, offsets[mask]) for reason, mask in rows.refused if mask.any()]
-        columns = dict(rows.columns)
-        for reason, mask in rows.notes:
-            if count := int(np.count_nonzero(mask & keep)):
-                if reason == NO_HEIGHT and self.height_m is not None:
-                    columns["height_ft"] = np.where(mask, self.height_m / _FOOT_M, columns["height_ft"])
-                    reason = "positions without any height are at the height_m of trial.toml"
-                problems.append(Problem(self.where, reason, count))
-        names = source.columns
-        found = [
-            np.array([clock.run_on(time) for time in rows.time_s[keep].tolist()])
-            if names[f.position] == "time_s"
-            else self._names(rows.names[keep])
-            if names[f.position] == "target_id"
-            else columns[names[f.position]][keep]
-            for f in fields
-        ]
-        return Block(found, offsets[keep], tuple(problems))
+        return chosen, problems
 
     def _names(self, numbers: NDArray[np.int64]) -> Coded:
         """The names of targets as labels."""
