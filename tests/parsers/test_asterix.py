@@ -13,11 +13,14 @@ import numpy as np
 import pytest
 
 from rangeeval.errors import InputError, MissingExtra, SettingsError
+from rangeeval.flow import ingest
 from rangeeval.model import Table, Trial
 from rangeeval.parsers import FORMATS, could_be_log, open_trial
 from rangeeval.parsers.asterix import tables
 from rangeeval.parsers.asterix.reports import REPORTS
+from rangeeval.parsers.inspection import inspect_trial
 from rangeeval.physics.geodesy import north_up_east
+from rangeeval.reporting.terminal import inspection_text
 from tests.parsers.samples import SAMPLES, SNAPSHOTS, compressed, csv_text
 from tests.recordings import (
     block,
@@ -257,6 +260,29 @@ def test_every_sensor_is_a_log_of_its_own(tmp_path: Path) -> None:
     (one,) = open_trial(tmp_path).logs
     assert one.source == where
     assert set(one.read().texts("target_id")) == {"3C660C"}
+
+
+def test_inspect_tells_the_sensors_apart(tmp_path: Path) -> None:
+    """Each log under its own title; what concerns the whole file once, with the first of them."""
+    blocks = [block(48, plot(i, 10 + i, 20, sensor=(25, 11 + i % 2), address=0x3C660C)) for i in range(10)]
+    found = inspect_trial(opened(tmp_path, b"".join([*blocks, north_mark(11)])))
+    assert [len([p for p in f.problems if "CAT034" in p.reason]) for f in found] == [1, 0]
+    text = inspection_text([f.as_dict() for f in found], None)
+    assert "recording:CAT048 25/11" in text
+    assert "recording:CAT048 25/12" in text
+
+
+def test_an_archive_holds_the_same_rows(tmp_path: Path) -> None:
+    """Logs of several sensors go into an archive and come back as they were read."""
+    blocks = [block(48, plot(i, 10 + i, 20, sensor=(25, 11 + i % 2), address=0x3C660C)) for i in range(40)]
+    trial = opened(tmp_path, b"".join(blocks))
+    kept = open_trial(ingest(trial, tmp_path / "trial.h5"))
+    assert [log.source for log in kept.logs] == [log.source for log in trial.logs]
+    for one, other in zip(trial.logs, kept.logs, strict=True):
+        before, after = one.read(), other.read()
+        assert before.texts("target_id") == after.texts("target_id")
+        for name in ("time_s", "range_m", "azimuth_rad"):
+            np.testing.assert_array_equal(before.floats(name), after.floats(name))
 
 
 def test_sensors_may_share_a_data_block(tmp_path: Path) -> None:
@@ -545,6 +571,14 @@ def test_no_other_format_is_taken_for_asterix(tmp_path: Path) -> None:
                 continue
             path.write_bytes(text.encode(encoding))
             assert not any(recognises(path.read_bytes()[:4096], path) for recognises in recognisers), text[:20]
+
+
+def test_no_sample_log_is_taken_for_asterix() -> None:
+    """Every other file of the sample trials stays what it is."""
+    for path in SAMPLE.parent.rglob("*"):
+        if path.is_file() and path.suffix not in {".pcap", ".ast"}:
+            assert not FORMATS["asterix"].recognises(path.read_bytes()[:4096], path), path
+            assert not FORMATS["pcap"].recognises(path.read_bytes()[:4096], path), path
 
 
 def test_a_recording_may_begin_inside_a_block(tmp_path: Path) -> None:
