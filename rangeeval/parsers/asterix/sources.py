@@ -60,15 +60,15 @@ class Finder:
 
     def _origin(self) -> tuple[float, float] | None:
         """The point (rad) that x and y count from, where `trial.toml` gives it."""
-        place = (self.settings.latitude_deg, self.settings.longitude_deg)
-        if place == (None, None):
+        latitude, longitude = self.settings.latitude_deg, self.settings.longitude_deg
+        if latitude is None and longitude is None:
             return None
-        if None in place or not (abs(place[0] or 0.0) <= 90 and abs(place[1] or 0.0) <= 180):
+        if latitude is None or longitude is None or abs(latitude) > 90 or abs(longitude) > 180:
             raise SettingsError(
-                f"{self.file.name}: [[logs]] in trial.toml has latitude_deg {place[0]} and longitude_deg {place[1]}; "
+                f"{self.file.name}: [[logs]] in trial.toml has latitude_deg {latitude} and longitude_deg {longitude}; "
                 f"expected both, at most 90 and 180"
             )
-        return math.radians(place[0] or 0.0), math.radians(place[1] or 0.0)
+        return math.radians(latitude), math.radians(longitude)
 
     def _leave_out_strays(self) -> None:
         """A sensor that hardly ever begins a data block is a damaged name of another: it makes no log of its own."""
