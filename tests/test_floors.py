@@ -8,7 +8,7 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "rangeeval"
 
 FLOOR = {
-    "errors": 0, "units": 0, "compiled": 0, "files": 0,
+    "errors": 0, "units": 0, "compiled": 0, "files": 0, "angles": 0,
     "stats": 1, "physics": 1, "tracking": 1, "arrays": 1,
     "model": 2,
     "parsers": 3, "analyses": 3, "reporting": 3, "archives": 3, "comparison": 3, "requirements": 3, "scenarios": 3,

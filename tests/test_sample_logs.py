@@ -10,7 +10,7 @@ import pytest
 
 import rangeeval
 from rangeeval.scenarios import simulate_alpha_beta, simulate_attitude, simulate_bearing, simulate_imm
-from tests import legacy
+from tests import legacy, recordings
 
 SAMPLES = Path(__file__).resolve().parents[1] / "sample_logs"
 
@@ -53,6 +53,27 @@ def test_legacy_is_made_again_byte_for_byte(tmp_path: Path) -> None:
     """`python -m tests.legacy sample_logs/legacy` gives the same bytes."""
     legacy.write(tmp_path)
     assert _bytes(tmp_path) == _bytes(SAMPLES / "legacy")
+
+
+def test_asterix_is_made_again_byte_for_byte(tmp_path: Path) -> None:
+    """`python -m tests.recordings sample_logs/asterix` gives the same bytes."""
+    recordings.write(tmp_path)
+    assert _bytes(tmp_path) == _bytes(SAMPLES / "asterix")
+
+
+def test_asterix_gives_the_errors_it_was_made_with() -> None:
+    """Bias and sigma of the recorded plots against what the aircraft report; the recording crosses midnight."""
+    found = rangeeval.truth(rangeeval.open_trial(SAMPLES / "asterix")).estimates
+    of = found[found["bin_low"].isna() & found["group"].isna()].set_index("quantity")
+    for quantity, true in (
+        ("range_bias", recordings.BIAS_M),
+        ("range_sigma", recordings.SIGMA_M),
+        ("azimuth_bias", np.radians(recordings.BIAS_DEG)),
+        ("azimuth_sigma", np.radians(recordings.SIGMA_DEG)),
+        ("time_offset", 0.0),
+    ):
+        assert of.loc[quantity, "low"] <= true <= of.loc[quantity, "high"], quantity
+    assert of.loc["range_bias", "n"] == 300
 
 
 def test_inbound_shows_every_verdict() -> None:

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
+from rangeeval.angles import wrapped
+
 Array = NDArray[np.float64]
 Outcome = Literal["held", "swapped", "lost"]
 
@@ -28,9 +30,7 @@ class BearingErrors:
 
 def bearing_difference(bearing_rad: ArrayLike, truth_rad: ArrayLike) -> Array:
     """First minus second, wrapped to -pi .. pi."""
-    off = np.asarray(bearing_rad, dtype=np.float64) - np.asarray(truth_rad, dtype=np.float64)
-    found: Array = np.mod(off + math.pi, 2 * math.pi) - math.pi
-    return found
+    return wrapped(np.asarray(bearing_rad, dtype=np.float64) - np.asarray(truth_rad, dtype=np.float64))
 
 
 def bearing_errors(bearing_rad: ArrayLike, truth_rad: ArrayLike, near_rad: float) -> BearingErrors:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rangeeval.arrays.manifold import respond
-from rangeeval.arrays.small import cholesky, solve
+from rangeeval.arrays.small import cholesky, filled_up, solve
 from rangeeval.compiled import compiled
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ _CLOSE = 1e-4  # relative change at which it stops
 class Work(NamedTuple):
     """Scratch of one run, so that the loop over blocks allocates nothing."""
 
-    response: Array  # (4, M): see `respond`
+    response: Array  # (N, 4, M filled up): see `respond`
     real: Array  # (M, 2N + L): [B X]
     imag: Array
     inner_real: Array  # (2N, 2N + L): B^H [B X], then B^H R^-1 [B X]
@@ -53,9 +53,9 @@ def workspace(targets, sensors, block):  # type: ignore[no-untyped-def]
     """Room for `block` snapshots."""
     wide = 2 * targets + block
     return Work(
-        np.empty((4, sensors)), np.empty((sensors, wide)), np.empty((sensors, wide)), np.empty((2 * targets, wide)),
-        np.empty((2 * targets, wide)), np.empty((targets, wide)), np.empty((targets, wide)),
-        np.empty((targets, targets), np.complex128), np.empty(targets), np.empty(targets),
+        np.empty((targets, 4, filled_up(sensors))), np.empty((sensors, wide)), np.empty((sensors, wide)),
+        np.empty((2 * targets, wide)), np.empty((2 * targets, wide)), np.empty((targets, wide)),
+        np.empty((targets, wide)), np.empty((targets, targets), np.complex128), np.empty(targets), np.empty(targets),
     )  # fmt: skip
 
 
@@ -69,11 +69,12 @@ def likelihood_terms(array, f, theta, power, noise, used, work, score, info):  #
     wide = 2 * n + used
     real, imag, low_real, low_imag = work.real, work.imag, work.low_real, work.low_imag
     inner_real, inner_imag, factor = work.inner_real, work.inner_imag, work.factor
+    respond(array, f, theta, work.response)
     for i in range(n):
-        respond(array, f, theta[i], work.response)
+        one = work.response[i]
         for m in range(sensors):
-            real[m, i], imag[m, i] = work.response[0, m], work.response[1, m]
-            real[m, n + i], imag[m, n + i] = work.response[2, m], work.response[3, m]
+            real[m, i], imag[m, i] = one[0, m], one[1, m]
+            real[m, n + i], imag[m, n + i] = one[2, m], one[3, m]
     for j in range(2 * n):
         for c in range(wide):
             inner_real[j, c] = 0.0

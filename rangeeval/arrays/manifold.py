@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rangeeval.arrays.geometry import ArrayGeometry
 from rangeeval.arrays.patterns import KINDS
+from rangeeval.arrays.small import filled_up
 from rangeeval.compiled import compiled
 
 Array = NDArray[np.float64]
@@ -26,7 +27,10 @@ _OMNI, _COSINE, _BAFFLE = (KINDS.index(kind) for kind in ("omnidirectional", "co
 
 
 class Manifold(NamedTuple):
-    """What the kernels need of a geometry: phase (bins, M) per cosine and sine of the bearing; the pattern."""
+    """What the kernels need of a geometry: phase (bins, W) per cosine and sine of the bearing; the pattern.
+
+    W is the number of sensors M (that of `facing`) filled up with zeros.
+    """
 
     cosine: Array
     sine: Array
@@ -47,11 +51,12 @@ def manifold(geometry: ArrayGeometry) -> Manifold:
     else:
         flat, up = math.cos(geometry.elevation_rad), math.sin(geometry.elevation_rad)
         x, y, z = (geometry.sensor_position_m.T * np.array([flat, flat, up])[:, None])[:, None, :]
+    none = np.zeros((geometry.bins, filled_up(geometry.sensors) - geometry.sensors))
     pattern = geometry.pattern
     table = np.zeros((1, 1), np.complex128) if pattern.gains is None else pattern.gains
     assert geometry.facing_rad is not None
     return Manifold(
-        np.ascontiguousarray(k * x), np.ascontiguousarray(k * y), np.ascontiguousarray(k * z),
+        np.hstack([k * x, none]), np.hstack([k * y, none]), np.hstack([k * z, none]),
         KINDS.index(pattern.kind), float(pattern.exponent), float(pattern.back),
         np.ascontiguousarray(geometry.facing_rad), np.array(table, dtype=np.complex128),
     )  # fmt: skip
@@ -68,54 +73,66 @@ def steering(geometry: ArrayGeometry, bearing_rad: ArrayLike) -> tuple[Complex, 
 
 @compiled
 def _responses(array, bearing):  # type: ignore[no-untyped-def]
-    bins, sensors = array.sine.shape
+    bins, sensors = array.sine.shape[0], array.facing.size
     a = np.empty((bins, sensors, bearing.size), np.complex128)
     d = np.empty((bins, sensors, bearing.size), np.complex128)
-    one = np.empty((4, sensors))
+    found = np.empty((bearing.size, 4, array.sine.shape[1]))
     for f in range(bins):
+        respond(array, f, bearing, found)
         for n in range(bearing.size):
-            respond(array, f, bearing[n], one)
             for m in range(sensors):
-                a[f, m, n] = complex(one[0, m], one[1, m])
-                d[f, m, n] = complex(one[2, m], one[3, m])
+                a[f, m, n] = complex(found[n, 0, m], found[n, 1, m])
+                d[f, m, n] = complex(found[n, 2, m], found[n, 3, m])
     return a, d
 
 
 @compiled
-def respond(array, f, bearing, out):  # type: ignore[no-untyped-def]
-    """Response at one bearing in one bin: rows of `out` (4, M) are re a, im a, re da, im da.
+def respond(array, f, bearings, out):  # type: ignore[no-untyped-def]
+    """Response at each bearing in one bin: rows of out[n] (4, W) are re a, im a, re da, im da; M columns count.
 
-    Sine and cosine of the phases are polynomials without branches, so that the loop runs in vector registers: four
-    times as quick as the library's, and as exact (2e-16) up to phases of a million.
+    Sine and cosine of the phases are polynomials without branches, all bearings in one call and rows taken one by one,
+    so that the loop runs in vector registers: eight times as quick as the library's, and as exact (2e-16) up to phases
+    of a million.
     """
-    c, s = math.cos(bearing), math.sin(bearing)
-    for m in range(array.sine.shape[1]):
-        phase = array.cosine[f, m] * c + array.sine[f, m] * s + array.constant[f, m]
-        slope = array.sine[f, m] * c - array.cosine[f, m] * s
-        turns = np.floor(phase * _TWO_OVER_PI + 0.5)
-        x = (phase - turns * _QUARTER_HIGH) - turns * _QUARTER_LOW
-        y = x * x
-        sine = x * (1.0 + y * (-1.0 / 6 + y * (1.0 / 120 + y * (-1.0 / 5040 + y * (1.0 / 362880 + y * (
-            -1.0 / 39916800 + y * (1.0 / 6227020800 - y / 1307674368000)))))))  # fmt: skip
-        cosine = 1.0 + y * (-0.5 + y * (1.0 / 24 + y * (-1.0 / 720 + y * (1.0 / 40320 + y * (
-            -1.0 / 3628800 + y * (1.0 / 479001600 + y * (-1.0 / 87178291200 + y / 20922789888000)))))))  # fmt: skip
-        quarter = turns - 4.0 * np.floor(turns * 0.25)
-        odd = quarter == 1.0 or quarter == 3.0
-        real = sine if odd else cosine
-        imag = cosine if odd else sine
-        real = -real if quarter == 1.0 or quarter == 2.0 else real
-        imag = -imag if quarter >= 2.0 else imag
-        out[0, m] = real
-        out[1, m] = imag
-        out[2, m] = -slope * imag
-        out[3, m] = slope * real
+    along, across, constant = array.cosine[f], array.sine[f], array.constant[f]
+    for n in range(bearings.size):
+        c, s = math.cos(bearings[n]), math.sin(bearings[n])
+        one = out[n]
+        re, im, slope_re, slope_im = one[0], one[1], one[2], one[3]
+        for m in range(along.size):
+            phase = along[m] * c + across[m] * s + constant[m]
+            slope = across[m] * c - along[m] * s
+            turns = np.floor(phase * _TWO_OVER_PI + 0.5)
+            x = (phase - turns * _QUARTER_HIGH) - turns * _QUARTER_LOW
+            y = x * x
+            sine = x * (1.0 + y * (-1.0 / 6 + y * (1.0 / 120 + y * (-1.0 / 5040 + y * (1.0 / 362880 + y * (
+                -1.0 / 39916800 + y * (1.0 / 6227020800 - y / 1307674368000)))))))  # fmt: skip
+            cosine = 1.0 + y * (-0.5 + y * (1.0 / 24 + y * (-1.0 / 720 + y * (1.0 / 40320 + y * (
+                -1.0 / 3628800 + y * (1.0 / 479001600 + y * (-1.0 / 87178291200 + y / 20922789888000)))))))  # fmt: skip
+            quarter = turns - 4.0 * np.floor(turns * 0.25)
+            odd = quarter == 1.0 or quarter == 3.0
+            real = sine if odd else cosine
+            imag = cosine if odd else sine
+            real = -real if quarter == 1.0 or quarter == 2.0 else real
+            imag = -imag if quarter >= 2.0 else imag
+            re[m] = real
+            im[m] = imag
+            slope_re[m] = -slope * imag
+            slope_im[m] = slope * real
     if array.kind != _OMNI:
-        for m in range(array.sine.shape[1]):
-            gain, steep = _element(array, m, bearing)
-            a = complex(out[0, m], out[1, m])
-            d = gain * complex(out[2, m], out[3, m]) + steep * a
-            a = gain * a
-            out[0, m], out[1, m], out[2, m], out[3, m] = a.real, a.imag, d.real, d.imag
+        for n in range(bearings.size):
+            _through_elements(array, bearings[n], out[n])
+
+
+@compiled
+def _through_elements(array, bearing, out):  # type: ignore[no-untyped-def]
+    """Give the elements' gains to the response at one bearing."""
+    for m in range(array.facing.size):
+        gain, steep = _element(array, m, bearing)
+        a = complex(out[0, m], out[1, m])
+        d = gain * complex(out[2, m], out[3, m]) + steep * a
+        a = gain * a
+        out[0, m], out[1, m], out[2, m], out[3, m] = a.real, a.imag, d.real, d.imag
 
 
 @compiled

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rangeeval.arrays.manifold import respond
-from rangeeval.arrays.small import cholesky, forward, solve
+from rangeeval.arrays.small import cholesky, filled_up, forward, solve
 from rangeeval.compiled import compiled
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ _RIDGE = 1e-4  # of a sensor's gain: keeps the bound finite where two prediction
 class Scratch(NamedTuple):
     """Room of one run, so that the loop over snapshots allocates nothing."""
 
-    response: Array  # (4, M): see `respond`
+    response: Array  # (N, 4, M filled up): see `respond`
     inner_real: Array  # (N, width): W^H [W A D], columns N to 3N - 1 then L^-1 W^H [A D] with L L^H = W^H W
     inner_imag: Array
     factor: Complex  # (N, N): L
@@ -42,20 +42,11 @@ class Scratch(NamedTuple):
 
 
 @compiled
-def filled_up(columns):  # type: ignore[no-untyped-def]
-    """So many columns filled up to whole vector registers: loops over them leave no remainder, which halves the time.
-
-    What stands beyond the columns is computed along and never used.
-    """
-    return (columns + 7) & ~7
-
-
-@compiled
 def scratch(targets, sensors):  # type: ignore[no-untyped-def]
     """Room for so many targets and sensors."""
     wide, narrow = filled_up(3 * targets), filled_up(targets)
     return Scratch(
-        np.zeros((4, sensors)), np.zeros((targets, wide)), np.zeros((targets, wide)),
+        np.zeros((targets, 4, filled_up(sensors))), np.zeros((targets, wide)), np.zeros((targets, wide)),
         np.empty((targets, targets), np.complex128), np.zeros(narrow), np.zeros(narrow),
         np.zeros(narrow), np.zeros(narrow), np.empty(targets, np.complex128),
     )  # fmt: skip
@@ -107,11 +98,12 @@ def innovations(array, f, real, imag, theta, room, top, bottom):  # type: ignore
     """
     sensors, n = real.shape[0], theta.size
     inner_real, inner_imag, factor = room.inner_real, room.inner_imag, room.factor
+    respond(array, f, theta, room.response)
     for j in range(n):
-        respond(array, f, theta[j], room.response)
+        one = room.response[j]
         for m in range(sensors):
-            real[m, n + j], imag[m, n + j] = room.response[0, m], room.response[1, m]
-            real[m, 2 * n + j], imag[m, 2 * n + j] = room.response[2, m], room.response[3, m]
+            real[m, n + j], imag[m, n + j] = one[0, m], one[1, m]
+            real[m, 2 * n + j], imag[m, 2 * n + j] = one[2, m], one[3, m]
     width = filled_up(3 * n)
     for i in range(n):
         for c in range(width):
@@ -171,12 +163,13 @@ def left_over(real, imag, x, room):  # type: ignore[no-untyped-def]
 @compiled
 def _fisher(array, f, theta, power, noise, information):  # type: ignore[no-untyped-def]
     """Add one bin's stochastic information of one snapshot, equal powers; a ridge keeps coincident bearings finite."""
-    n, sensors = theta.size, array.sine.shape[1]
-    response, b = np.empty((4, sensors)), np.empty((sensors, 2 * n), np.complex128)
+    n, sensors = theta.size, array.facing.size
+    response, b = np.empty((n, 4, filled_up(sensors))), np.empty((sensors, 2 * n), np.complex128)
+    respond(array, f, theta, response)
     for i in range(n):
-        respond(array, f, theta[i], response)
+        one = response[i]
         for m in range(sensors):
-            b[m, i], b[m, n + i] = complex(response[0, m], response[1, m]), complex(response[2, m], response[3, m])
+            b[m, i], b[m, n + i] = complex(one[0, m], one[1, m]), complex(one[2, m], one[3, m])
     inner = np.zeros((2 * n, 2 * n), np.complex128)
     for m in range(sensors):
         for i in range(2 * n):

@@ -8,6 +8,15 @@ from rangeeval.compiled import compiled
 
 
 @compiled
+def filled_up(count):  # type: ignore[no-untyped-def]
+    """So many numbers filled up to whole vector registers: loops over them leave no remainder, which halves the time.
+
+    What stands beyond the count is computed along and never used.
+    """
+    return (count + 7) & ~7
+
+
+@compiled
 def cholesky(a, n):  # type: ignore[no-untyped-def]
     """Overwrite the lower triangle of a Hermitian `a` by its factor, 1 / diagonal on the diagonal; False when not
     positive.

@@ -46,6 +46,7 @@ def paired(
         else:
             strangers.append(plots)
     lost: list[Plots] = []
+    matched: list[Pair] = []
     for plots in strangers:
         if not plots.target and len(paths) > 1:
             near = _plot_by_plot(plots, list(paths.values()), gate)
@@ -62,9 +63,14 @@ def paired(
         if path is None:
             lost.append(plots)
             continue
-        pairs.append(Pair(plots, path))
-        text = f"target '{one_line(plots.target, 40)}' has no path of its name: compared with the nearest, "
-        problems.append(Problem(plots.source, text + f"'{one_line(path.target, 40)}'", len(plots)))
+        matched.append(Pair(plots, path))
+    if matched:
+        pairs += matched
+        shown = tuple(
+            f"target '{one_line(p.plots.target, 40)}' with '{one_line(p.path.target, 40)}'" for p in matched[:MAX_SHOWN]
+        )
+        reason = "targets that have no path of their name: compared with the nearest"
+        problems.append(Problem(log.source, reason, sum(len(p.plots) for p in matched), shown))
     if lost:
         shown = tuple(f"target '{one_line(p.target, 40)}'" for p in lost[:MAX_SHOWN])
         problems.append(Problem(log.source, "targets without a true path", sum(map(len, lost)), shown))

@@ -247,6 +247,8 @@ class LogSettings:
 
     `fields` make it a binary log of fixed records: those of `record_bytes` (default: what the fields take), after
     `header_bytes`.
+    The last five are of ASTERIX recordings: the edition of a category (`CAT021`), the one sensor to read (`SAC/SIC`),
+    the height of positions that give none (targets on the ground), and the point that x and y count from.
     """
 
     file: str
@@ -260,6 +262,11 @@ class LogSettings:
     record_bytes: int | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
     residual_stage: str = "predicted"
+    editions: Mapping[str, str] = field(default_factory=dict)
+    sensor: str | None = None
+    height_m: float | None = None
+    latitude_deg: float | None = None
+    longitude_deg: float | None = None
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from pathlib import Path
 from rangeeval.errors import InputError, one_line
 from rangeeval.model import Log, Problem, SensorArray, Source, Trial, TrialSettings
 from rangeeval.model.settings import LogSettings
-from rangeeval.parsers import archive, binary, hdf5, matlab, numpy_files, parquet, sac, text
+from rangeeval.parsers import archive, asterix, binary, hdf5, matlab, numpy_files, parquet, sac, text
 from rangeeval.parsers.blocks import Contents, SourceFile
 from rangeeval.parsers.hashing import sha256_of
 from rangeeval.parsers.settings import FILE, file_of, read_settings
@@ -43,6 +43,8 @@ FORMATS: dict[str, Format] = {
     "npz": Format(numpy_files.recognises_npz, numpy_files.read_npz),
     "npy": Format(numpy_files.recognises_npy, numpy_files.read_npy),
     "sac": Format(sac.recognises, sac.read, together=sac.read_together),
+    "pcap": Format(asterix.recognises_capture, asterix.read_capture),
+    "asterix": Format(asterix.recognises, asterix.read),
     "text": Format(text.recognises, text.read),
     "binary": Format(binary.recognises, binary.read, described=binary.described),
 }

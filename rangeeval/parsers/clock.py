@@ -46,6 +46,10 @@ class Clock:
             raise ValueError(f"'{cell}' is not a time of day")
         hours, minutes, seconds, fraction = found.groups()
         time = int(hours) * 3600 + int(minutes) * 60 + int(seconds) + (float(f"0.{fraction}") if fraction else 0.0)
+        return self.run_on(time)
+
+    def run_on(self, time: float) -> float:
+        """The next row's seconds since midnight, counted on from the midnight before the first row."""
         if self._last is not None:
             if time - self._last < -DAY_S / 2:
                 self._days += 1

@@ -68,11 +68,13 @@ def inspect_trial(paths: str | os.PathLike[str] | Iterable[str | os.PathLike[str
     trial = paths if isinstance(paths, Trial) else open_trial(paths)
     hashes = sha256_of(trial.sources)
     found = []
+    seen: set[str] = set()
     for log in trial.logs:
-        source = next(
-            (s for s in trial.sources if log.source.split(":")[0] in {s.name, f"{trial.name}/{s.name}"}), None
-        )
-        opened = [p for p in trial.problems if p.where == log.source]
+        file = log.source.split(":")[0]
+        source = next((s for s in trial.sources if file in {s.name, f"{trial.name}/{s.name}"}), None)
+        # What concerns a file as a whole is told with its first log.
+        opened = [p for p in trial.problems if p.where == log.source or (p.where == file and file not in seen)]
+        seen.add(file)
         found.append(
             _inspect(
                 log,

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rangeeval.angles import wrapped
 from rangeeval.physics.frames import attitude_matrix, rotation_x, rotation_z, turn, turn_back
 
 FloatArray = NDArray[np.float64]
@@ -157,12 +158,6 @@ def misalignment_first_order(alpha_x: ArrayLike, error_x: ArrayLike, error_z: Ar
     c, s, i, o = dz * np.cos(ax), dz * np.sin(ax), np.ones_like(dx), np.zeros_like(dx)
     rows = ((i, -c, -s), (c, i, -dx), (s, dx, i + o))
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
-def wrapped(angle: ArrayLike) -> FloatArray:
-    """An angle (rad) brought to [-pi, pi)."""
-    turned: FloatArray = np.mod(_float(angle) + np.pi, 2 * np.pi) - np.pi
-    return turned
 
 
 def _difference(pointed: FloatArray, meant: FloatArray) -> tuple[FloatArray, FloatArray]:

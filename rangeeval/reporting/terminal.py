@@ -119,7 +119,9 @@ def _inspected(item: Mapping[str, Any], stream: IO[str] | None) -> str:
     for c in item["columns"]:
         missing = f"{c['missing']:,} missing" if c["missing"] else ""
         columns.append([c["written"], c["stored"] if c["stored"] != c["written"] else "", missing])
-    text = text_of(Table(item["file"], ["", ""], facts, "ll"), stream)
+    inside = item["source"].partition(":")[2]
+    title = f"{item['file']}:{inside}" if inside else item["file"]
+    text = text_of(Table(title, ["", ""], facts, "ll"), stream)
     text += text_of(Table("", ["Column", "Stored as", ""], columns, "lll"), stream)
     for problem in item["problems"]:
         count = problem["count"]

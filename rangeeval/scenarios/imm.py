@@ -19,11 +19,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rangeeval.angles import wrapped
 from rangeeval.scenarios.files import column, write_csv
 from rangeeval.stats.consistency import average_bounds, normalised_squares
 from rangeeval.tracking import polar
 from rangeeval.tracking.filters import PAPER_IMM, TEXTBOOK_IMM3, TUNED_IMM, AlphaBeta, AnyFilter, Filter, Model, kalman
-from rangeeval.tracking.measurements import Measurements, azimuth_to_log, wrapped
+from rangeeval.tracking.measurements import Measurements, azimuth_to_log
 from rangeeval.tracking.motion import noise_matrix, transition
 from rangeeval.tracking.runs import Smoothed, run_many, smooth_many
 from rangeeval.tracking.starting import three_point

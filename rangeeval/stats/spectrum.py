@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
+from rangeeval.angles import wrapped
+
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
@@ -89,7 +91,7 @@ def sine_fit(time_s: ArrayLike, values: ArrayLike, frequency_hz: float) -> SineF
     y -= offset
     left = float(y @ y)
     amplitude = float(np.hypot(a, b))
-    phase = float(np.mod(np.arctan2(b, a) - w * middle + np.pi, 2 * np.pi) - np.pi)
+    phase = float(wrapped(np.arctan2(b, a) - w * middle))
     variance = left / max(x.size - 3, 1)
     try:
         covariance = np.linalg.inv(normal) * variance

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.special import chdtri
 
-from rangeeval.tracking.measurements import wrapped
+from rangeeval.angles import wrapped
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

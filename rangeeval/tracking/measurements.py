@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rangeeval.angles import wrapped
+
 FloatArray = NDArray[np.float64]
 
 
@@ -24,12 +26,6 @@ def azimuth_to_log(azimuth_rad: ArrayLike) -> FloatArray:
     """Azimuth clockwise from north, in [0, 2 pi), of one counter-clockwise from east."""
     turned: FloatArray = np.mod(np.pi / 2 - np.asarray(azimuth_rad, dtype=np.float64), 2 * np.pi)
     return turned
-
-
-def wrapped(angle_rad: ArrayLike) -> FloatArray:
-    """The same angle in [-pi, pi)."""
-    inside: FloatArray = np.mod(np.asarray(angle_rad, dtype=np.float64) + np.pi, 2 * np.pi) - np.pi
-    return inside
 
 
 @dataclass(frozen=True)

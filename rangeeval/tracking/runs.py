@@ -10,6 +10,7 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
+from rangeeval.angles import wrapped
 from rangeeval.tracking import beam, polar
 from rangeeval.tracking.alpha_beta import is_stable
 from rangeeval.tracking.cycle import (
@@ -33,7 +34,7 @@ from rangeeval.tracking.cycle import (
     scratch,
 )
 from rangeeval.tracking.filters import AlphaBeta, AnyFilter, Filter
-from rangeeval.tracking.measurements import Measurements, wrapped
+from rangeeval.tracking.measurements import Measurements
 from rangeeval.tracking.setups import limits_of, setup_of
 from rangeeval.tracking.smoothing import Densities, backward, merged, retrodicted
 

@@ -139,7 +139,7 @@ def test_targets_are_matched_by_name_or_by_distance(ids):
     """One target needs no name; another name goes to the nearest path, and is said."""
     result = truth(trial_of(*made(ids=ids)), BINS)
     assert whole(result, "range_sigma").value == pytest.approx(10.0, rel=0.1)
-    assert any("no path of its name" in p.reason for p in result.problems) == (ids == ("radar track 7", "A"))
+    assert any("no path of their name" in p.reason for p in result.problems) == (ids == ("radar track 7", "A"))
 
 
 def test_unnamed_plots_of_several_targets_go_to_the_nearest_path():

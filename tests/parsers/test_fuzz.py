@@ -14,6 +14,7 @@ import scipy.io
 
 from rangeeval.errors import RangeevalError
 from rangeeval.parsers import hdf5, open_trial
+from tests import recordings
 from tests.parsers.samples import COLUMNS, SAMPLES, SNAPSHOTS, cells, compressed, csv_text, write_hdf5, write_matlab
 from tests.parsers.test_matlab import opaque, save5, save73
 
@@ -59,6 +60,21 @@ def matlab_73_nested(path: Path) -> None:
     save73(path, {"run": {"gains": [one, one], "log": {**COLUMNS, "track_id": cells(COLUMNS["track_id"].tolist())}}})
 
 
+def asterix(path: Path) -> None:
+    """Records of every category that gives a log, several in a block, two sensors, service messages."""
+    path.write_bytes(b"".join(recordings.one_of_each()))
+
+
+def asterix_pcap(path: Path) -> None:
+    frames = [recordings.ethernet(recordings.datagram(b), vlan=[5]) for b in recordings.one_of_each()]
+    path.write_bytes(recordings.pcap(frames))
+
+
+def asterix_pcapng(path: Path) -> None:
+    frames = [recordings.ethernet(recordings.datagram6(b, hops=True)) for b in recordings.one_of_each()]
+    path.write_bytes(recordings.pcapng(frames))
+
+
 WRITERS: dict[str, Callable[[Path], None]] = {
     **SAMPLES,
     **{f"{name}-snapshots": write for name, write in SNAPSHOTS.items()},
@@ -66,6 +82,9 @@ WRITERS: dict[str, Callable[[Path], None]] = {
     "matlab-packed": matlab_packed,
     "matlab-4": matlab_4,
     "matlab-7.3-nested": matlab_73_nested,
+    "asterix": asterix,
+    "pcap": asterix_pcap,
+    "pcapng": asterix_pcapng,
     "gz": gz,
     "zst": zst,
     "hdf5-gzip": hdf5_gzip,

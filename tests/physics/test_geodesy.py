@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from rangeeval.physics.geodesy import earth_fixed, north_up_east
+from rangeeval.physics.geodesy import earth_fixed, latitude_longitude, north_up_east
 
 
 def test_axes_of_the_ellipsoid():
@@ -28,3 +28,21 @@ def test_small_steps_are_north_up_and_east():
     assert north_up_east(site[0] + second, site[1], 100.0, site) == pytest.approx([30.82, 0.0, 0.0], abs=0.02)
     assert north_up_east(site[0], site[1] + second, 100.0, site) == pytest.approx([0.0, 0.0, 25.04], abs=0.02)
     assert north_up_east(site[0], site[1], 107.0, site) == pytest.approx([0.0, 7.0, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize("latitude", [-89.9, -45.0, 0.0, 36.4, 75.0])
+def test_a_point_in_the_horizontal_plane_stands_above_its_latitude_and_longitude(latitude):
+    """The point lies on the normal of the ellipsoid there: what is left beside the normal is below 2 micrometres."""
+    site = (np.deg2rad(latitude), np.deg2rad(127.0), 100.0)
+    sin, cos = np.sin(site[0]), np.cos(site[0])
+    rng = np.random.default_rng(1)
+    north, east = rng.uniform(-1e6, 1e6, (2, 1000))
+    found = latitude_longitude(north, east, site)
+    there = earth_fixed(*site) + np.stack(
+        [-north * sin * np.cos(site[1]) - east * np.sin(site[1]),
+         -north * sin * np.sin(site[1]) + east * np.cos(site[1]), north * cos], axis=-1,
+    )  # fmt: skip
+    upwards = (earth_fixed(*found, 1e6) - earth_fixed(*found, 0.0)) / 1e6
+    away = there - earth_fixed(*found, 0.0)
+    beside = away - np.sum(away * upwards, axis=-1, keepdims=True) * upwards
+    assert np.linalg.norm(beside, axis=-1).max() < 2e-6

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from rangeeval.angles import wrapped
 from rangeeval.physics import pointing as po
 from rangeeval.physics.frames import attitude_matrix
 
@@ -17,9 +18,9 @@ def worst(delta, alpha_x, elevation_limit):
         for dz in (-delta, delta):
             # The exact misalignment applied to radar-frame directions.
             turned = np.einsum("ij,...j->...i", po.misalignment(alpha_x * DEG, dx * DEG, dz * DEG), po.direction(a, e))
-            exact = [po.wrapped(x - y) for x, y in zip(po.azimuth_elevation(turned), (a, e), strict=True)]
+            exact = [wrapped(x - y) for x, y in zip(po.azimuth_elevation(turned), (a, e), strict=True)]
             short = po.small_angle_designation(a, e, dx * DEG, dz * DEG)
-            off = [np.rad2deg(np.abs(po.wrapped(s - x))).max() for s, x in zip(short, exact, strict=True)]
+            off = [np.rad2deg(np.abs(wrapped(s - x))).max() for s, x in zip(short, exact, strict=True)]
             true = [np.rad2deg(np.abs(x)).max() for x in exact]
             errors = np.maximum(errors, [off[1], off[0], true[1], true[0]])
     return errors
@@ -129,5 +130,5 @@ def test_correction_undoes_what_the_attitude_did():
     ax, azz = rng.uniform(-0.1, 0.1, (2, 300))
     d_az, d_el = po.report_error(az, el, 0.4, (ax, azz), (0.0, 0.0))
     back = po.corrected(az + d_az, el + d_el, 0.4, (0.0, 0.0), (ax, azz))
-    assert po.wrapped(back[0] - az) == pytest.approx(0.0, abs=1e-12)
+    assert wrapped(back[0] - az) == pytest.approx(0.0, abs=1e-12)
     assert back[1] == pytest.approx(el, abs=1e-12)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from rangeeval.angles import wrapped
 from rangeeval.tracking.association import NO_TRACK, Rules, group
-from rangeeval.tracking.measurements import wrapped
 
 SIGMA = (15.0, 1e-3, 1e-3)
 

@@ -5,9 +5,10 @@ import warnings
 import numpy as np
 import pytest
 
+from rangeeval.angles import wrapped
 from rangeeval.tracking import polar
 from rangeeval.tracking.filters import FILTERS, PAPER_IMM, TEXTBOOK_IMM3, AlphaBeta, Filter, Model, kalman
-from rangeeval.tracking.measurements import Measurements, wrapped
+from rangeeval.tracking.measurements import Measurements
 from rangeeval.tracking.motion import noise_matrix, transition
 from rangeeval.tracking.runs import Flag, log_likelihood, run, run_many
 from rangeeval.tracking.starting import three_point

@@ -14,9 +14,10 @@ from rangeeval.analyses.attitude.gathering import gather_tilt
 from rangeeval.analyses.attitude.motion import Motion, motion_of
 from rangeeval.analyses.attitude.pointing import attitudes_at
 from rangeeval.analyses.attitude.setup import set_up
+from rangeeval.angles import wrapped
 from rangeeval.errors import InputError
 from rangeeval.model import Problem, Trial, as_trial, gather
-from rangeeval.physics.pointing import corrected, wrapped
+from rangeeval.physics.pointing import corrected
 
 Array = NDArray[np.float64]
 

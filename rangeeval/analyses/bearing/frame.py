@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rangeeval.angles import wrapped
 from rangeeval.model import SensorArray
-from rangeeval.physics.pointing import wrapped
 
 Floats = NDArray[np.float64]
 
@@ -43,6 +43,3 @@ class Frame:
     def of_compass(self, compass_rad: ArrayLike) -> Floats:
         """Bearings of the array from those clockwise from north."""
         return wrapped(self.sense * (np.asarray(compass_rad, dtype=np.float64) - self.heading_rad))
-
-
-__all__ = ["Frame", "wrapped"]

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rangeeval.analyses.bearing.blocks import Counts, Spectrum, Waterfall
-from rangeeval.analyses.bearing.frame import Frame, wrapped
+from rangeeval.analyses.bearing.frame import Frame
 from rangeeval.analyses.bearing.recording import Recording
 from rangeeval.analyses.bearing.tracking import Tracked
 from rangeeval.analyses.bearing.truth import Judged
+from rangeeval.angles import wrapped
 from rangeeval.arrays import options as arrays
 from rangeeval.model.result import Series
 

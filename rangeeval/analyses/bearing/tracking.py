@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from rangeeval.analyses.bearing.frame import wrapped
 from rangeeval.analyses.bearing.recording import Recording
+from rangeeval.angles import wrapped
 from rangeeval.arrays import options as arrays
 from rangeeval.arrays.bounds import beam_width, crb
 from rangeeval.arrays.geometry import ArrayGeometry

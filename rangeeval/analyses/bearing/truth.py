@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from rangeeval.analyses.bearing.frame import Frame, wrapped
+from rangeeval.analyses.bearing.frame import Frame
 from rangeeval.analyses.bearing.recording import Recording
 from rangeeval.analyses.bearing.tracking import Tracked
+from rangeeval.angles import wrapped
 from rangeeval.arrays.assessment import outcome
 from rangeeval.arrays.bounds import beam_width, posterior_crb
 from rangeeval.arrays.options import JointOptions

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from rangeeval.angles import wrapped
 from rangeeval.model.pairing import Pair
 from rangeeval.physics.polar import polar, polar_rates
 from rangeeval.stats.correlation import newey_west
@@ -58,7 +59,7 @@ def errors_of(pairs: Sequence[Pair], offset_s: float = 0.0) -> Errors:
         true = polar(position)
         measured = np.stack([plots.range_m, plots.azimuth_rad, plots.elevation_rad], axis=-1)
         error = measured - true
-        error[:, 1] = np.mod(error[:, 1] + np.pi, 2 * np.pi) - np.pi
+        error[:, 1] = wrapped(error[:, 1])
         speed = np.linalg.norm(velocity, axis=-1)
         parts.append((error, true, polar_rates(position, velocity), speed, plots.time_s, plots.snr_db,
                       np.full(len(plots), number)))  # fmt: skip
