@@ -27,7 +27,8 @@ MOTIONS = {"cv": CV, "ca": CA, "ct": CT, "ct-second-order": CT2}
 SMALL_TURN = 0.1  # w T below which the closed forms lose digits and the series are exact to the last
 
 # Room of `turn`: velocity, w x v, w x (w x v); the matrices of w x and v x, row by row.
-VELOCITY, FIRST, SECOND, CROSS_W, CROSS_V = PRODUCT, PRODUCT + 3, PRODUCT + 6, PRODUCT + 9, PRODUCT + 18
+VELOCITY, FIRST, SECOND = PRODUCT, PRODUCT + 3, PRODUCT + 6
+CROSS_W, CROSS_V = PRODUCT + 9, PRODUCT + 18
 
 
 def states_of(motion: int) -> int:
@@ -68,6 +69,15 @@ def process_noise(
 
 
 @compiled_inside
+def cross(own: FloatArray, to: int, at: int) -> None:
+    """Matrix of the cross product with the vector at `at`, row by row, into the nine numbers from `to` on."""
+    x, y, z = own[at], own[at + 1], own[at + 2]
+    own[to], own[to + 4], own[to + 8] = 0.0, 0.0, 0.0
+    own[to + 1], own[to + 2], own[to + 5] = -z, y, -x
+    own[to + 3], own[to + 6], own[to + 7] = z, -y, x
+
+
+@compiled_inside
 def turn(own: FloatArray, dt: float, second_order: bool) -> None:
     """Turn model at the state in PREDICTED: predicted position and velocity in place, Jacobian into JACOBIAN.
 
@@ -95,15 +105,12 @@ def turn(own: FloatArray, dt: float, second_order: bool) -> None:
         s2 = half - square * s4
         s1 = dt - square * s3
         d1, d2, d3 = s3 - dt * s2, 2.0 * s4 - dt * s3, 3.0 * s5 - dt * s4
-    own[CROSS_W], own[CROSS_W + 1], own[CROSS_W + 2] = 0.0, -w2, w1
-    own[CROSS_W + 3], own[CROSS_W + 4], own[CROSS_W + 5] = w2, 0.0, -w0
-    own[CROSS_W + 6], own[CROSS_W + 7], own[CROSS_W + 8] = -w1, w0, 0.0
-    own[CROSS_V], own[CROSS_V + 1], own[CROSS_V + 2] = 0.0, -v2, v1
-    own[CROSS_V + 3], own[CROSS_V + 4], own[CROSS_V + 5] = v2, 0.0, -v0
-    own[CROSS_V + 6], own[CROSS_V + 7], own[CROSS_V + 8] = -v1, v0, 0.0
+    cross(own, CROSS_W + 0, PREDICTED + 6)
+    cross(own, CROSS_V + 0, PREDICTED + 3)
     for a in range(3):
         own[VELOCITY + a] = own[PREDICTED + 3 + a]
-        own[FIRST + a] = own[CROSS_W + 3 * a] * v0 + own[CROSS_W + 3 * a + 1] * v1 + own[CROSS_W + 3 * a + 2] * v2
+        row = CROSS_W + 3 * a
+        own[FIRST + a] = own[row] * v0 + own[row + 1] * v1 + own[row + 2] * v2
         own[SECOND + a] = own[PREDICTED + 6 + a] * dot - own[VELOCITY + a] * square
     for block in range(2):  # position, then velocity: A and B in t0 I + t1 [w]x + t2 [w]x^2, their derivatives by w
         t0, t1, t2, e1, e2 = (dt, s2, s3, d2, d3) if block == 0 else (1.0, s1, s2, d1, d2)

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rangeeval.compiled import compiled_borrowing, compiled_inside
-from rangeeval.tracking.layout import AWAY, DENSITY, FILTERED, FILTERED_P, NU, PRODUCT, WIDTH, P, R
+from rangeeval.tracking.layout import DENSITY, FILTERED, FILTERED_P, NU, PRODUCT, WIDTH, P, R
+from rangeeval.tracking.motion import cross
 from rangeeval.tracking.polar import convert
 
 FloatArray = NDArray[np.float64]
@@ -72,18 +73,21 @@ def turn_from_acceleration(own: FloatArray, prior: float) -> None:
     rate is zero with that prior.
     """
     x, p = FILTERED, FILTERED_P
-    derivative, times_p = PRODUCT, PRODUCT + 18  # (3, 6) by velocity and acceleration; (3, 9) that times P
+    cross_v, cross_a, rate = PRODUCT, PRODUCT + 9, PRODUCT + 18
+    derivative, times_p = PRODUCT + 21, PRODUCT + 39  # (3, 6) by velocity and acceleration; (3, 9) that times P
+    cross(own, cross_v + 0, x + 3)
+    cross(own, cross_a + 0, x + 6)
     square = own[x + 3] * own[x + 3] + own[x + 4] * own[x + 4] + own[x + 5] * own[x + 5]
     one = 1.0 / square if square > 0.0 else 0.0
     for i in range(3):
-        k, m = (i + 1) % 3, (i + 2) % 3
-        rate = one * (own[x + 3 + k] * own[x + 6 + m] - own[x + 3 + m] * own[x + 6 + k])
+        total = 0.0
         for c in range(3):
-            sign = 0.0 if c == i else (1.0 if c == m else -1.0)
-            far = m if c == k else k
-            own[derivative + 6 * i + c] = -one * (sign * own[x + 6 + far] + 2.0 * rate * own[x + 3 + c])
-            own[derivative + 6 * i + 3 + c] = one * sign * own[x + 3 + far]
-        own[AWAY + i] = rate
+            total += own[cross_v + 3 * i + c] * own[x + 6 + c] * one
+        for c in range(3):
+            bent = own[cross_a + 3 * i + c] + 2.0 * total * own[x + 3 + c]
+            own[derivative + 6 * i + c] = -one * bent
+            own[derivative + 6 * i + 3 + c] = one * own[cross_v + 3 * i + c]
+        own[rate + i] = total
     for i in range(3):
         for c in range(9):
             total = 0.0
@@ -91,7 +95,7 @@ def turn_from_acceleration(own: FloatArray, prior: float) -> None:
                 total += own[derivative + 6 * i + m] * own[p + 27 + 9 * m + c]
             own[times_p + 9 * i + c] = total
     for i in range(3):
-        own[x + 6 + i] = own[AWAY + i]
+        own[x + 6 + i] = own[rate + i]
         for k in range(6):
             own[p + 54 + 9 * i + k] = own[times_p + 9 * i + k]
             own[p + 9 * k + 6 + i] = own[times_p + 9 * i + k]
