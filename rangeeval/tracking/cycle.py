@@ -221,7 +221,7 @@ def _set_step(motions: IntArray, table: FloatArray, pi: FloatArray, o: Scalars, 
     models = motions.size
     for j in range(models):
         process_noise(s[j], motions[j], table[j, SIGMA], table[j, SIGMA_TURN], dt, o.reference, o.continuous)
-    if models == 1 or abs(dt - o.reference) <= 1e-9 * o.reference:
+    if models == 1 or math.fabs(dt - o.reference) <= 1e-9 * o.reference:
         for i in range(models):
             for j in range(models):
                 pi[2 * models + i, j] = pi[i, j]
@@ -239,7 +239,7 @@ def _exponential(pi: FloatArray, dt: float, room: FloatArray) -> None:
     scale = dt
     squarings = 0
     for i in range(m):
-        while abs(pi[m + i, i]) * scale > 0.25 and squarings < 60:
+        while -pi[m + i, i] * scale > 0.25 and squarings < 60:
             scale *= 0.5
             squarings += 1
     for i in range(m):
@@ -259,7 +259,8 @@ def _exponential(pi: FloatArray, dt: float, room: FloatArray) -> None:
     for i in range(m):
         row = 0.0
         for j in range(m):
-            pi[2 * m + i, j] = max(pi[2 * m + i, j], 0.0)
+            if pi[2 * m + i, j] < 0.0:
+                pi[2 * m + i, j] = 0.0
             row += pi[2 * m + i, j]
         for j in range(m):
             pi[2 * m + i, j] /= row
@@ -380,7 +381,7 @@ def _update(motions: IntArray, o: Scalars, known: int, s: FloatArray) -> None:
         own[LOG_L] = -0.5 * (own[SQUARE] + log_det + known * LOG_2PI)
         correct(own, 6 if motions[j] == CV else 9)
         if own[CBAR] > 0.0:
-            top = max(top, own[LOG_L])
+            top = own[LOG_L] if own[LOG_L] > top else top
     total = 0.0
     for j in range(models):
         s[j, MU] = s[j, CBAR] * math.exp(s[j, LOG_L] - top) if s[j, CBAR] > 0.0 else 0.0
@@ -397,25 +398,26 @@ def _write_densities(models: int, predicted: bool, level: int, s: FloatArray, ou
     """
     for what in range(2 if predicted else 1):
         at, weight, to = (FILTERED, MU, STATE) if what == 0 else (PREDICTED, CBAR, PREDICTED_STATE)
-        mean = out[to : to + 42]
-        for c in range(42):
-            mean[c] = 0.0
+        for c in range(to, to + 42):
+            out[c] = 0.0
         for j in range(models):
+            own = s[j]
             for a in range(6):
-                mean[a] += s[j, weight] * s[j, at + a]
+                out[to + a] += own[weight] * own[at + a]
         for j in range(models):
             own = s[j]
             w = own[weight]
             for a in range(6):
-                d = own[at + a] - mean[a]
+                d = own[at + a] - out[to + a]
                 for b in range(6):
-                    mean[6 + 6 * a + b] += w * (own[at + P + 9 * a + b] + d * (own[at + b] - mean[b]))
+                    spread = own[at + P + 9 * a + b] + d * (own[at + b] - out[to + b])
+                    out[to + 6 + 6 * a + b] += w * spread
             if what == 0 or level == DETAIL:
                 out[PROBABILITY + what * models + j] = w
             if level == DETAIL:
-                to = PROBABILITY + (2 + 90 * what) * models + DENSITY * j
+                first = PROBABILITY + (2 + DENSITY * what) * models + DENSITY * j
                 for c in range(DENSITY):
-                    out[to + c] = own[at + c]
+                    out[first + c] = own[at + c]
 
 
 @compiled_inside

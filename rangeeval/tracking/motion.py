@@ -231,5 +231,6 @@ def noise_matrix(
     own = np.zeros(WIDTH)
     kind = MOTIONS[motion] if isinstance(motion, str) else motion
     _noise(own, kind, float(sigma), float(sigma_turn), float(dt), float(reference), continuous)
-    matrix: FloatArray = np.kron(own[NOISE : NOISE + 9].reshape(3, 3), np.eye(3))
+    blocks: FloatArray = own[NOISE : NOISE + 9].reshape(3, 3)
+    matrix: FloatArray = np.kron(blocks, np.eye(3)).astype(np.float64)
     return matrix
