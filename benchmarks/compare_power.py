@@ -92,6 +92,7 @@ class Counts:
 
     pairs: int = 0
     pairs_with_claim: int = 0
+    pairs_with_claim_of_alike: int = 0  # in a row where SNR, gains and path were alike
     tests: int = 0
     claims: Counter[str] = field(default_factory=Counter)
     intervals: Counter[str] = field(default_factory=Counter)
@@ -103,6 +104,10 @@ class Counts:
         self.pairs += 1
         claims = [row.extra["verdict"] for row in result.rows if row.extra["verdict"] in {"better", "worse"}]
         self.pairs_with_claim += bool(claims)
+        self.pairs_with_claim_of_alike += any(
+            row.extra["verdict"] in {"better", "worse"} and not any(f.startswith("unlike-") for f in row.flags)
+            for row in result.rows
+        )
         self.claims.update(claims)
         self.tests += len(result.rows)
         for row in result.rows:
@@ -149,7 +154,7 @@ def shared_out(kind: str, ratio: float, pairs: int, workers: int, quantities: tu
 
 def lines(kinds: Mapping[str, object], pairs: int, workers: int) -> Iterator[str]:
     """The table of coverage and false claims, kind by kind."""
-    yield "kind          ratio  pairs  tests  σ coverage  mean coverage  pairs with a false verdict"
+    yield "kind          ratio  pairs  tests  σ coverage  mean coverage  pairs with a false verdict, in a bin flown alike"
     for kind in kinds:
         for ratio, share in ((1.0, pairs), (1.25, max(pairs // 5, 1))):
             counts = shared_out(kind, ratio, share, workers)
@@ -158,7 +163,11 @@ def lines(kinds: Mapping[str, object], pairs: int, workers: int) -> Iterator[str
                 for group in (SIGMAS, MEANS)
             )
             claims = (
-                f"{counts.pairs_with_claim / counts.pairs:.4f} ({counts.pairs_with_claim})" if ratio == 1.0 else "-"
+                ", ".join(
+                    f"{n / counts.pairs:.4f} ({n})" for n in (counts.pairs_with_claim, counts.pairs_with_claim_of_alike)
+                )
+                if ratio == 1.0
+                else "-"
             )
             tests = counts.tests // counts.pairs
             yield f"{kind:13s} {ratio:5.2f} {share:6d} {tests:6d} {sigma:11.4f} {mean:14.4f}  {claims}"

@@ -118,6 +118,19 @@ def test_inspect_says_what_was_recognised(original):
     assert "residuals" in rangeeval("inspect", original).stdout
 
 
+def test_inspect_names_files_that_are_no_logs(trial):
+    """On standard error, with what they hold instead."""
+    import scipy.io
+
+    scipy.io.savemat(trial / "scan.mat", {"list": {"measurement": [1.0, 2.0], "sensor": 3}})
+    done = rangeeval("inspect", trial, "--format", "json")
+    assert json.loads(done.stdout)
+    assert (
+        "scan.mat: not recognised as a log: none of its variables is a column of a log: list (struct with"
+        in done.stderr
+    )
+
+
 def test_single_files_make_a_trial(original):
     """Two log files given by name are as good as their folder."""
     one = rangeeval("accuracy", original / "residuals.csv", original / "gains.csv", "--format", "csv")

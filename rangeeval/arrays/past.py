@@ -72,14 +72,15 @@ def past(real, imag, inverse, x, forgetting, room):  # type: ignore[no-untyped-d
             total += inverse[i, k] * complex(seen_real[k], seen_imag[k])
         gain[i] = total
         scale += seen_real[i] * total.real + seen_imag[i] * total.imag
+    share, growth = 1.0 / scale, 1.0 / forgetting
     for i in range(n):
         # Hermitian by construction: otherwise rounding grows at every step.
-        inverse[i, i] = (inverse[i, i].real - (gain[i].real ** 2 + gain[i].imag ** 2) / scale) / forgetting
+        own = gain[i] * share
+        gain_real[i], gain_imag[i] = own.real, own.imag
+        inverse[i, i] = (inverse[i, i].real - (own * gain[i].conjugate()).real) * growth
         for k in range(i + 1, n):
-            inverse[i, k] = (inverse[i, k] - gain[i] * gain[k].conjugate() / scale) / forgetting
+            inverse[i, k] = (inverse[i, k] - own * gain[k].conjugate()) * growth
             inverse[k, i] = inverse[i, k].conjugate()
-    for i in range(n):
-        gain_real[i], gain_imag[i] = gain[i].real / scale, gain[i].imag / scale
     for m in range(sensors):
         er, ei = x[m].real, x[m].imag
         for i in range(n):
@@ -119,11 +120,11 @@ def innovations(array, f, real, imag, theta, room, top, bottom):  # type: ignore
             factor[i, k] = complex(inner_real[k, i], -inner_imag[k, i])
     if not cholesky(factor, n):
         return False
-    for m in range(sensors):
-        for j in range(n):
-            dr, di = real[m, 2 * n + j], imag[m, 2 * n + j]
-            top[j] += dr * real[m, n + j] + di * imag[m, n + j]
-            bottom[j] += dr * dr + di * di
+    for j in range(n):
+        one = room.response[j]
+        for m in range(sensors):
+            top[j] += one[2, m] * one[0, m] + one[3, m] * one[1, m]
+            bottom[j] += one[2, m] * one[2, m] + one[3, m] * one[3, m]
     for i in range(n):
         for k in range(i):
             lr, li = factor[i, k].real, factor[i, k].imag

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import click
 
-from rangeeval.cli.options import paths
+from rangeeval.cli.options import opened, paths
+from rangeeval.cli.output import warn
 
 
 @click.command()
@@ -19,7 +20,11 @@ def inspect(trial: tuple[Path, ...], form: str) -> None:
 
     from rangeeval.parsers.inspection import inspect_trial
 
-    found = [item.as_dict() for item in inspect_trial(list(trial) if len(trial) > 1 else trial[0])]
+    one = opened(list(trial))
+    logs = inspect_trial(one)
+    told = {problem for log in logs for problem in log.problems}
+    warn(problem for problem in one.problems if problem not in told)  # files that are no logs, above all
+    found = [log.as_dict() for log in logs]
     if form == "json":
         click.echo(json.dumps(found, allow_nan=False, ensure_ascii=False, indent=1))
         return

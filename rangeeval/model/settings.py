@@ -12,6 +12,7 @@ from typing import Any
 
 from rangeeval.errors import SettingsError, did_you_mean, one_line
 from rangeeval.model.kinds import KINDS, SENSORS
+from rangeeval.model.records import RecordField, record_fields
 
 
 @dataclass(frozen=True)
@@ -244,6 +245,8 @@ class Requirement:
 class LogSettings:
     """How to read a file whose columns or dialect are not the standard ones.
 
+    `fields` make it a binary log of fixed records: those of `record_bytes` (default: what the fields take), after
+    `header_bytes`.
     The last five are of ASTERIX recordings: the edition of a category (`CAT021`), the one sensor to read (`SAC/SIC`),
     the height of positions that give none (targets on the ground), and the point that x and y count from.
     """
@@ -254,6 +257,9 @@ class LogSettings:
     decimal: str = "."
     skip_rows: int = 0
     encoding: str | None = None
+    fields: tuple[RecordField, ...] = ()
+    header_bytes: int = 0
+    record_bytes: int | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
     residual_stage: str = "predicted"
     editions: Mapping[str, str] = field(default_factory=dict)
@@ -299,6 +305,8 @@ def _value(value: Any, hint: Any, where: str) -> Any:
         hint = next(a for a in typing.get_args(hint) if a is not types.NoneType)
     if is_dataclass(hint):
         return _table(value, typing.cast(type, hint), where)
+    if hint == tuple[RecordField, ...]:
+        return record_fields(value, where)
     origin = typing.get_origin(hint)
     if origin is tuple:
         item = typing.get_args(hint)[0]
@@ -332,7 +340,7 @@ def _table(data: Any, shape: type, where: str) -> Any:
     for key, value in data.items():
         if key not in known:
             raise SettingsError(f"{where}: unknown key '{one_line(key, 60)}'; {did_you_mean(key, known)}")
-        values[key] = _value(value, hints[key], f"{where}.{key}" if "." in where or ":" in where else f"{where}: {key}")
+        values[key] = _value(value, hints[key], f"{where}.{key}" if ": " in where else f"{where}: {key}")
     for name, f in known.items():
         if name not in values and f.default is MISSING and f.default_factory is MISSING:
             raise SettingsError(f"{where}: the key '{name}' is missing")
@@ -388,6 +396,7 @@ def _check(settings: TrialSettings, where: str) -> None:
             raise SettingsError(
                 f"{at}.residual_stage is '{one_line(log.residual_stage, 40)}'; known: predicted, updated"
             )
+        _check_records(log, at)
     _check_detections(settings, where)
     _check_array(settings.array, where)
     radar = settings.radar
@@ -402,6 +411,29 @@ def _check(settings: TrialSettings, where: str) -> None:
         if value is not None and value <= 0:
             raise SettingsError(f"{where}: radar.{name} is {value:g}, expected more than 0")
     _check_attitude(settings.attitude, where)
+
+
+_OF_TEXT = ("delimiter", "decimal", "skip_rows", "encoding")
+
+
+def _check_records(log: LogSettings, at: str) -> None:
+    defaults = {f.name: f.default for f in fields(LogSettings)}
+    if not log.fields:
+        for key in ("header_bytes", "record_bytes"):
+            if getattr(log, key) != defaults[key]:
+                raise SettingsError(f"{at}.{key} goes with fields, the list of what a binary record holds")
+        return
+    for key in _OF_TEXT:
+        if getattr(log, key) != defaults[key]:
+            instead = "; header_bytes is what stands before the first record" if key == "skip_rows" else ""
+            raise SettingsError(f"{at}.{key} is for a text log, and fields make it a binary one{instead}")
+    if log.header_bytes < 0:
+        raise SettingsError(f"{at}.header_bytes is {log.header_bytes}, expected 0 or more")
+    needed = sum(field.bytes for field in log.fields)
+    if log.record_bytes is not None and not needed <= log.record_bytes <= 1 << 20:
+        raise SettingsError(
+            f"{at}.record_bytes is {log.record_bytes}, expected {needed} (what the fields take) to 1048576"
+        )
 
 
 def _check_detections(settings: TrialSettings, where: str) -> None:

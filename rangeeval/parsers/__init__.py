@@ -6,12 +6,13 @@ import os
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 from rangeeval.errors import InputError, one_line
 from rangeeval.model import Log, Problem, SensorArray, Source, Trial, TrialSettings
 from rangeeval.model.settings import LogSettings
-from rangeeval.parsers import archive, asterix, hdf5, numpy_files, parquet, sac, text
+from rangeeval.parsers import archive, asterix, binary, hdf5, matlab, numpy_files, parquet, sac, text
 from rangeeval.parsers.blocks import Contents, SourceFile
 from rangeeval.parsers.hashing import sha256_of
 from rangeeval.parsers.settings import FILE, file_of, read_settings
@@ -23,17 +24,21 @@ HEAD_BYTES = 4096
 class Format:
     """A file format: whether these first bytes are of it (never the name), and how its logs are read.
 
-    `together`: reads all files of the format in a trial as one, where a file holds one channel.
+    `together`: reads all files of the format in a trial as one, where a file holds one channel. `described`: whether
+    what `trial.toml` says of a file makes it one of the format, whatever its bytes are.
     """
 
     recognises: Callable[[bytes, Path], bool]
     read: Callable[[SourceFile], Contents]
     together: Callable[[Sequence[SourceFile]], Contents] | None = None
+    described: Callable[[LogSettings], bool] = lambda settings: False
 
 
 # Asked in this order; text last, since a binary file may begin like text.
 FORMATS: dict[str, Format] = {
     "hdf5": Format(hdf5.recognises, hdf5.read),
+    "matlab": Format(matlab.recognises, matlab.read),
+    "matlab-7.3": Format(matlab.recognises_hdf5, matlab.read),
     "parquet": Format(parquet.recognises, parquet.read),
     "npz": Format(numpy_files.recognises_npz, numpy_files.read_npz),
     "npy": Format(numpy_files.recognises_npy, numpy_files.read_npy),
@@ -41,6 +46,7 @@ FORMATS: dict[str, Format] = {
     "pcap": Format(asterix.recognises_capture, asterix.read_capture),
     "asterix": Format(asterix.recognises, asterix.read),
     "text": Format(text.recognises, text.read),
+    "binary": Format(binary.recognises, binary.read, described=binary.described),
 }
 
 # What reports and pictures begin with (in lower case): files that stand beside logs and are none.
@@ -189,10 +195,20 @@ def _read(file: SourceFile, known: Mapping[str, Format]) -> tuple[str, Contents 
         return "", Contents()
     if archive.recognises(head):
         return "", Contents(unrecognised="it is the archive of a whole trial, to be read by itself")
-    for format_name, entry in known.items():
-        if entry.recognises(head, file.path):
-            return format_name, entry.read(file) if entry.together is None else None
-    return "", Contents(unrecognised="its content is of no known format")
+    format_name = _format_of(head, file, known)
+    if format_name is None:
+        hint = "a binary log of fixed records is described by fields under [[logs]] in trial.toml"
+        return "", Contents(unrecognised=f"its content is of no known format; {hint}")
+    entry = known[format_name]
+    return format_name, entry.read(file) if entry.together is None else None
+
+
+def _format_of(head: bytes, file: SourceFile, known: Mapping[str, Format]) -> str | None:
+    """The format that `trial.toml` makes the file one of, else the first that recognises its content."""
+    said = file.settings
+    described = (name for name, entry in known.items() if said is not None and entry.described(said))
+    recognised = (name for name, entry in known.items() if entry.recognises(head, file.path))
+    return next(chain(described, recognised), None)
 
 
 __all__ = ["FORMATS", "HEAD_BYTES", "Format", "could_be_log", "formats", "open_trial", "read_settings", "sha256_of"]

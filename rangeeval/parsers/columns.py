@@ -87,16 +87,19 @@ def _kind_of(names: Sequence[str], hint: str | None) -> LogKind | None:
     return recognise(stems)
 
 
+def no_column(written: str, names: Sequence[str], where: str) -> SettingsError:
+    """The error about a column that `trial.toml` names and the file does not have."""
+    near = did_you_mean(written, [one_line(name.strip(), 60) for name in names])
+    return SettingsError(f"{where}: has no column '{one_line(written, 60)}', which trial.toml names; {near}")
+
+
 def _renamed(names: Sequence[str], columns: Mapping[str, str], where: str) -> list[str]:
     """The names after `[[logs]] columns`; a name given as '' is left out."""
     renamed = [plain(name) for name in names]
     for written, meant in columns.items():
         places = [i for i, name in enumerate(names) if plain(name) == plain(written)]
         if not places:
-            raise SettingsError(
-                f"{where}: has no column '{one_line(written, 60)}', which trial.toml names; "
-                f"{did_you_mean(written, [one_line(n.strip(), 60) for n in names])}"
-            )
+            raise no_column(written, names, where)
         if meant and plain(meant) not in _ALL:
             near = difflib.get_close_matches(plain(meant), _ALL, n=1, cutoff=0.5)
             raise SettingsError(

@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rangeeval.errors import InputError, one_line
-from rangeeval.model import CHUNK_ROWS, Problem
+from rangeeval.model import CHUNK_ROWS
 from rangeeval.parsers import safe, samples
-from rangeeval.parsers.blocks import Block, Contents, SourceFile, Written, log_from
-from rangeeval.parsers.columns import Field, lay_out
+from rangeeval.parsers.blocks import Block, Contents, Reader, SourceFile
+from rangeeval.parsers.columns import Field
+from rangeeval.parsers.found import Described, contents
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 MAX_DEPTH = 32
@@ -42,45 +43,17 @@ def recognises(head: bytes, path: Path) -> bool:
 def read(file: SourceFile) -> Contents:
     """The logs of an HDF5 file: every group whose datasets make one, every compound or 2-D table that does."""
     looked = safe.call(__name__, "audit", str(file.path), file.name)
-    logs = []
-    arrays = [a for a in looked["arrays"] if a["kind"] != "real" or a["placed"] or file.of_array]
-    problems = [Problem(file.name, text) for text in looked["notes"]]
-    for found in arrays:
-        where = file.name if found["path"] == "/" else f"{file.name}:{one_line(found['path'], 100)}"
-        logs.append(samples.snapshots_log(_recorded(file.path, where, found), file))
-    for table in looked["tables"]:
-        if any(found["path"] == table["path"] for found in arrays) and _only_times(table):
-            continue
-        where = file.name if table["path"] == "/" else f"{file.name}:{one_line(table['path'], 100)}"
-        names = tuple(c["name"] for c in table["columns"])
-        usable = [c for c in table["columns"] if c["kind"] in {"number", "text"}]
-        layout = lay_out(tuple(c["name"] for c in usable), where, file.kind or table["kind"], file.columns)
-        if layout is None:
-            continue
-        problems += layout.problems
-        fields = [c["name"] for c in usable]
-        written = Written(
-            where,
-            tuple(fields),
-            _reader(file.path, where, table, usable),
-            lambda row, where=where: f"{where}[{row}]",  # type: ignore[misc]
-            lengths=tuple(c["rows"] for c in usable),
-            stage=table["stage"],
-        )
-        logs.append(log_from(written, layout, file))
-        if unusable := sorted(set(names) - set(fields)):
-            shown = ", ".join(one_line(name, 60) for name in unusable[:10])
-            problems.append(Problem(where, f"columns that are neither numbers nor text are not read: {shown}"))
-    if not logs:
-        return Contents(unrecognised="no group of datasets, compound or 2-D dataset in it has the columns of a log")
-    return Contents(tuple(logs), tuple(problems))
+    nothing = "no group of datasets, compound or 2-D dataset in it has the columns of a log"
+    return contents(
+        file,
+        looked,
+        lambda where, table, usable: _reader(file.path, where, table, usable),
+        lambda where, found: _opened(file.path, where, found),
+        nothing,
+    )
 
 
-def _only_times(table: dict[str, Any]) -> bool:
-    return all(c["name"].casefold() in samples.TIMES for c in table["columns"])
-
-
-def _recorded(path: Path, where: str, found: dict[str, Any]) -> samples.Recorded:
+def _opened(path: Path, where: str, found: Described) -> samples.Opened:
     """The snapshots of a group: one dataset, or two of real and imaginary part."""
 
     @contextlib.contextmanager
@@ -101,21 +74,13 @@ def _recorded(path: Path, where: str, found: dict[str, Any]) -> samples.Recorded
                             f"{where}: rows {start} to {stop - 1} cannot be read, the file is damaged or cut off "
                             f"({one_line(error, 120)})"
                         ) from error
-                    return time, values[0] if len(values) == 1 else values[0] + 1j * values[1]
+                    return time, samples.joined(values)
 
                 yield read_rows
         except (OSError, RuntimeError, KeyError) as error:
             raise InputError(f"{where}: cannot be opened ({one_line(error, 120)})") from error
 
-    if found["time"] and found["time_rows"] != found["rows"]:
-        raise InputError(
-            f"{where}: columns of different lengths: {samples.shown(found['time'])} {found['time_rows']}, "
-            f"{samples.shown(found['name'])} {found['rows']}"
-        )
-    said = samples.said_of(found["said"], where)
-    return samples.Recorded(
-        where, found["rows"], found["sensors"], opened, said, found["time"], samples.shown(found["name"])
-    )
+    return opened
 
 
 def open_file(h5py: Any, path: str | Path, **options: Any) -> Any:
@@ -128,7 +93,7 @@ def open_file(h5py: Any, path: str | Path, **options: Any) -> Any:
         return h5py.File(path, "r", locking=False, **options)
 
 
-def _reader(path: Path, where: str, table: dict[str, Any], usable: list[dict[str, Any]]) -> Any:
+def _reader(path: Path, where: str, table: Described, usable: Sequence[Described]) -> Reader:
     def blocks(fields: Sequence[Field]) -> Iterator[Block]:
         import h5py
 
@@ -157,26 +122,29 @@ def _reader(path: Path, where: str, table: dict[str, Any], usable: list[dict[str
     return blocks
 
 
-def _piece(file: Any, wanted: Sequence[dict[str, Any]]) -> Any:
+def _piece(file: Any, wanted: Sequence[Described]) -> Any:
     datasets = [file[c["path"]] for c in wanted]
 
     def read_piece(start: int, stop: int) -> list[NDArray[Any]]:
         columns = []
         for dataset, column in zip(datasets, wanted, strict=True):
-            if dataset.shape != (column["rows"],):
+            if list(dataset.shape) != column["shape"]:
                 raise InputError(f"{column['path']}: the file changed while it was read")
+            place: Any = np.s_[start:stop]
+            if len(dataset.shape) == 2:
+                place = (0, place) if column["across"] else (place, 0)
             if column["kind"] == "number" and dataset.dtype.kind != "b":
                 values: NDArray[Any] = np.empty(stop - start, dataset.dtype)
-                dataset.read_direct(values, np.s_[start:stop])
+                dataset.read_direct(values, place)
                 columns.append(values)
             else:
-                columns.append(dataset[start:stop])
+                columns.append(dataset[place])
         return columns
 
     return read_piece
 
 
-def _table_pieces(file: Any, table: dict[str, Any], wanted: Sequence[dict[str, Any]]) -> Any:
+def _table_pieces(file: Any, table: Described, wanted: Sequence[Described]) -> Any:
     dataset = file[table["path"]]
 
     def read_piece(start: int, stop: int) -> list[NDArray[Any]]:
@@ -199,38 +167,35 @@ def audit(path: str) -> dict[str, Any]:
     Every object that reading will open is opened here first, and the index of its chunks walked: what crashes the
     HDF5 library, or sends it round in circles, does so in the process that calls this.
     """
-    import h5py
-
-    try:
-        file = open_file(h5py, path)
-    except OSError as error:
-        text = str(error)
-        if "truncated" in text:
-            raise InputError(f"the file is truncated ({one_line(text, 200)})") from None
-        raise InputError(f"the file is damaged or not HDF5 ({one_line(text, 200)})") from None
-    with file:
-        audit_ = _Audit(h5py, file)
-        audit_.seen.add(h5py.h5o.get_info(file.id).addr)
-        audit_.group(file, "/", 0)
+    audit_ = _Audit(path)
+    with audit_.file:
+        audit_.group(audit_.file, "/", 0)
     return {"tables": audit_.tables, "notes": audit_.notes, "arrays": audit_.arrays}
 
 
-class _Audit:
-    def __init__(self, h5py: Any, file: Any) -> None:
-        self.h5py = h5py
-        self.seen: set[Any] = set()
-        self.tables: list[dict[str, Any]] = []
-        self.arrays: list[dict[str, Any]] = []
-        self.notes: list[str] = []
-        self.size = file.id.get_filesize()
+class Audited:
+    """An HDF5 file in the child: what may be opened of it. Raises InputError for what is refused."""
 
-    def group(self, group: Any, path: str, depth: int) -> None:
+    def __init__(self, path: str, **options: Any) -> None:
+        import h5py
+
+        self.h5py = h5py
+        try:
+            self.file = open_file(h5py, path, **options)
+        except OSError as error:
+            text = str(error)
+            if "truncated" in text:
+                raise InputError(f"the file is truncated ({one_line(text, 200)})") from None
+            raise InputError(f"the file is damaged or not HDF5 ({one_line(text, 200)})") from None
+        self.size = self.file.id.get_filesize()
+        self.seen: set[Any] = {h5py.h5o.get_info(self.file.id).addr}
+        self.notes: list[str] = []
+
+    def members(self, group: Any, path: str, depth: int) -> Iterator[tuple[str, str, Any]]:
+        """Name, path and object of what a group holds itself; a group that was met before is not met again."""
         if depth > MAX_DEPTH:
             raise InputError(f"groups are nested deeper than {MAX_DEPTH}")
         h5 = self.h5py
-        columns: list[dict[str, Any]] = []
-        wide: list[dict[str, Any]] = []
-        inner: list[tuple[Any, str]] = []
         for name in group:
             here = f"{path.rstrip('/')}/{name}"
             link = group.id.links.get_info(name.encode("utf-8", "surrogateescape"))
@@ -246,14 +211,80 @@ class _Audit:
             self.seen.add(address)
             if len(self.seen) > MAX_OBJECTS:
                 raise InputError(f"it holds more than {MAX_OBJECTS} objects")
-            if isinstance(item, h5.Group):
+            yield name, here, item
+
+    def look(self, dataset: Any, path: str) -> tuple[int, int]:
+        """Look at how a dataset is stored, and at every stored chunk; rows and bytes of a chunk (0 for none)."""
+        shown = one_line(path, 100)
+        plist = dataset.id.get_create_plist()
+        if plist.get_layout() == self.h5py.h5d.VIRTUAL:
+            raise InputError(f"'{shown}' is a virtual dataset, which reads other files; such files are not read")
+        if plist.get_external_count() > 0:
+            raise InputError(f"'{shown}' keeps its values in another file; such files are not read")
+        for i in range(plist.get_nfilters()):
+            code = plist.get_filter(i)[0]
+            if code not in FILTERS:
+                raise InputError(
+                    f"'{shown}' is compressed with filter {code}; only gzip, shuffle, fletcher32, szip and lzf are read"
+                )
+        chunk_rows, chunk_bytes = 0, 0
+        if dataset.chunks is not None:
+            chunk_rows = int(dataset.chunks[0])
+            chunk_bytes = int(np.prod(dataset.chunks, dtype=object)) * dataset.dtype.itemsize
+            if chunk_bytes > MAX_CHUNK_BYTES:
+                raise InputError(
+                    f"'{shown}' is stored in chunks of {chunk_bytes} bytes; at most {MAX_CHUNK_BYTES} are read"
+                )
+            self.chunks(dataset, plist, shown, chunk_bytes)
+        size = int(np.prod(dataset.shape or (0,), dtype=object)) * dataset.dtype.itemsize
+        if size > _SMALL and size > _MOST_EXPANSION * max(dataset.id.get_storage_size(), 1):
+            raise InputError(
+                f"'{shown}' declares {dataset.shape[0]} rows and stores {dataset.id.get_storage_size()} bytes"
+            )
+        return chunk_rows, chunk_bytes
+
+    def chunks(self, dataset: Any, plist: Any, shown: str, chunk_bytes: int) -> None:
+        """Look at every stored chunk. HDF5 itself believes an index that lies about them, and crashes on some lies."""
+        filters = [plist.get_filter(i)[0] for i in range(plist.get_nfilters())]
+        bad: list[str] = []
+
+        def look(chunk: Any) -> None:
+            fits = chunk.byte_offset + chunk.size <= self.size
+            # A bit of the mask is a filter that was skipped for this chunk (lzf, where it gains nothing).
+            used = [code for i, code in enumerate(filters) if not chunk.filter_mask >> i & 1]
+            checksums = 4 * used.count(_FLETCHER32)
+            plain = all(code in {_SHUFFLE, _FLETCHER32} for code in used)
+            whole = chunk.size == chunk_bytes + checksums if plain else chunk.size > checksums
+            # A compressor may give up and store a little more than it was given.
+            if not (fits and whole and chunk.size <= 2 * chunk_bytes + 4096):
+                bad.append(f"rows from {chunk.chunk_offset[0]} on")
+
+        dataset.id.chunk_iter(look)
+        if bad:
+            raise InputError(f"'{shown}' is damaged or cut off: its index does not fit the file at {bad[0]}")
+
+
+class _Audit(Audited):
+    """What an HDF5 file holds that could be a log."""
+
+    def __init__(self, path: str) -> None:
+        super().__init__(path)
+        self.tables: list[dict[str, Any]] = []
+        self.arrays: list[dict[str, Any]] = []
+
+    def group(self, group: Any, path: str, depth: int) -> None:
+        columns: list[dict[str, Any]] = []
+        wide: list[dict[str, Any]] = []
+        inner: list[tuple[Any, str]] = []
+        for name, here, item in self.members(group, path, depth):
+            if isinstance(item, self.h5py.Group):
                 inner.append((item, here))
-            elif isinstance(item, h5.Dataset):
+            elif isinstance(item, self.h5py.Dataset):
                 self.dataset(item, here, name, columns, wide)
         if columns:
             attributes = self.attributes(group)
             self.tables.append({"path": path, "form": "group", "columns": columns, **attributes})
-        if (found := _samples_among(wide, path)) is not None:
+        if (found := samples.among(wide, path)) is not None:
             self.arrays.append(self.array(group, path, found, columns))
         for item, here in inner:
             self.group(item, here, depth + 1)
@@ -280,55 +311,36 @@ class _Audit:
             "time_path": time["path"] if time else "",
             "time_rows": time["rows"] if time else 0,
             "said": said,
-            "placed": any(name.startswith("sensor_position") for name in said),
+            "likely": found["kind"] == "complex" or any(name.startswith("sensor_position") for name in said),
         }
 
     def dataset(
         self, dataset: Any, path: str, name: str, columns: list[dict[str, Any]], wide: list[dict[str, Any]]
     ) -> None:
-        shown = one_line(path, 100)
-        plist = dataset.id.get_create_plist()
-        if plist.get_layout() == self.h5py.h5d.VIRTUAL:
-            raise InputError(f"'{shown}' is a virtual dataset, which reads other files; such files are not read")
-        if plist.get_external_count() > 0:
-            raise InputError(f"'{shown}' keeps its values in another file; such files are not read")
-        for i in range(plist.get_nfilters()):
-            code = plist.get_filter(i)[0]
-            if code not in FILTERS:
-                raise InputError(
-                    f"'{shown}' is compressed with filter {code}; only gzip, shuffle, fletcher32, szip and lzf are read"
-                )
-        shape = dataset.shape
+        shape, dtype = dataset.shape, dataset.dtype
+        chunk_rows, chunk_bytes = self.look(dataset, path)
         if shape is None or not 1 <= len(shape) <= 2:
             return
-        dtype = dataset.dtype
         rows = int(shape[0])
-        chunk_rows, chunk_bytes = 0, 0
-        if dataset.chunks is not None:
-            chunk_rows = int(dataset.chunks[0])
-            chunk_bytes = int(np.prod(dataset.chunks, dtype=object)) * dtype.itemsize
-            if chunk_bytes > MAX_CHUNK_BYTES:
-                raise InputError(
-                    f"'{shown}' is stored in chunks of {chunk_bytes} bytes; at most {MAX_CHUNK_BYTES} are read"
-                )
-            self.chunks(dataset, plist, shown, chunk_bytes)
-        size = int(np.prod(shape, dtype=object)) * dtype.itemsize
         # What a reader does to the values can crash too: where they are few, they are all read here first.
-        if 0 < size <= READ_IN_CHILD and (dtype.names or dtype.kind == "c" or _kind(dtype, self.h5py) != "other"):
+        small = 0 < int(np.prod(shape, dtype=object)) * dtype.itemsize <= READ_IN_CHILD
+        if small and (dtype.names or dtype.kind == "c" or _kind(dtype, self.h5py) != "other"):
             try:
                 dataset[()]
             except (OSError, RuntimeError, ValueError, TypeError) as error:
                 raise InputError(
-                    f"'{shown}' cannot be read, the file is damaged or cut off ({one_line(error, 120)})"
+                    f"'{one_line(path, 100)}' cannot be read, the file is damaged or cut off ({one_line(error, 120)})"
                 ) from error
-        if size > _SMALL and size > _MOST_EXPANSION * max(dataset.id.get_storage_size(), 1):
-            raise InputError(f"'{shown}' declares {rows} rows and stores {dataset.id.get_storage_size()} bytes")
         described = {"rows": rows, "chunk_rows": chunk_rows, "chunk_bytes": chunk_bytes, "path": path}
         if len(shape) == 1 and dtype.names:
             fields = [{**described, "name": field, "kind": _kind(dtype[field], self.h5py)} for field in dtype.names]
             self.tables.append({"path": path, "form": "compound", "columns": fields, **self.attributes(dataset)})
-        elif len(shape) == 1:
-            columns.append({**described, "name": name, "kind": _kind(dtype, self.h5py)})
+        elif len(shape) == 1 or self.is_vector(dataset, name):
+            across = len(shape) == 2 and shape[0] == 1
+            kind = {"name": name, "kind": _kind(dtype, self.h5py), "shape": list(shape), "across": across}
+            if across:
+                described |= {"rows": int(shape[1]), "chunk_rows": int(dataset.chunks[1]) if dataset.chunks else 0}
+            columns.append({**described, **kind})
         elif dtype.kind == "c" or samples.is_pair(dtype.names):
             wide.append({**described, "name": name, "sensors": int(shape[1]), "kind": "complex"})
         elif dtype.kind in "iuf":
@@ -339,25 +351,10 @@ class _Audit:
             fields = [{**described, "name": n, "kind": "number", "index": i} for i, n in enumerate(names)]
             self.tables.append({"path": path, "form": "matrix", "columns": fields, **self.attributes(dataset)})
 
-    def chunks(self, dataset: Any, plist: Any, shown: str, chunk_bytes: int) -> None:
-        """Look at every stored chunk. HDF5 itself believes an index that lies about them, and crashes on some lies."""
-        filters = [plist.get_filter(i)[0] for i in range(plist.get_nfilters())]
-        bad: list[str] = []
-
-        def look(chunk: Any) -> None:
-            fits = chunk.byte_offset + chunk.size <= self.size
-            # A bit of the mask is a filter that was skipped for this chunk (lzf, where it gains nothing).
-            used = [code for i, code in enumerate(filters) if not chunk.filter_mask >> i & 1]
-            checksums = 4 * used.count(_FLETCHER32)
-            plain = all(code in {_SHUFFLE, _FLETCHER32} for code in used)
-            whole = chunk.size == chunk_bytes + checksums if plain else chunk.size > checksums
-            # A compressor may give up and store a little more than it was given.
-            if not (fits and whole and chunk.size <= 2 * chunk_bytes + 4096):
-                bad.append(f"rows from {chunk.chunk_offset[0]} on")
-
-        dataset.id.chunk_iter(look)
-        if bad:
-            raise InputError(f"'{shown}' is damaged or cut off: its index does not fit the file at {bad[0]}")
+    def is_vector(self, dataset: Any, name: str) -> bool:
+        """Whether a dataset of two dimensions is a column up or across, as MATLAB's h5write makes of vectors."""
+        plain = 1 in dataset.shape and name.casefold() not in samples.NAMES
+        return plain and _kind(dataset.dtype, self.h5py) != "other" and not self.names(dataset)
 
     def attributes(self, item: Any) -> dict[str, Any]:
         return {"stage": self.text(item, "residual_stage"), "kind": None}
@@ -391,35 +388,6 @@ class _Audit:
 
 def _few_numbers(item: Any) -> bool:
     return item.dtype.kind in "iuf" and int(np.prod(item.shape, dtype=object)) <= 3 * samples.MAX_SENSORS
-
-
-def _samples_among(wide: list[dict[str, Any]], path: str) -> dict[str, Any] | None:
-    """Which of the 2-D datasets of a group are array samples; None for none. Raises InputError when it cannot tell."""
-    halves: dict[str, dict[str, dict[str, Any]]] = {}
-    for item in wide:
-        if item["kind"] == "real":
-            stem, ending = samples.split_part(item["name"])
-            halves.setdefault(stem, {})[ending] = item
-    candidates = [{**item, "datasets": [item["path"]]} for item in wide if item["kind"] == "complex"]
-    for stem, parts in halves.items():
-        pair = next((pair for pair in samples.PARTS if parts.keys() >= set(pair)), None)
-        if pair is None:
-            continue
-        real, imaginary = (parts[ending] for ending in pair)
-        if (real["rows"], real["sensors"]) != (imaginary["rows"], imaginary["sensors"]):
-            raise InputError(
-                f"'{one_line(real['path'], 100)}' and '{one_line(imaginary['path'], 100)}' differ in shape; expected "
-                "the real and the imaginary part of the same samples"
-            )
-        name = stem or f"{real['name']} + {imaginary['name']}"
-        candidates.append({**real, "name": name, "kind": "complex", "datasets": [real["path"], imaginary["path"]]})
-    if not candidates:
-        candidates = [{**item, "datasets": [item["path"]]} for item in wide if item["name"].casefold() in samples.NAMES]
-    named = [item for item in candidates if item["name"].casefold() in samples.NAMES]
-    if len(candidates) > 1 and len(named) != 1:
-        names = ", ".join(one_line(item["name"], 60) for item in candidates[:5])
-        raise InputError(f"'{one_line(path, 100)}' holds several complex arrays ({names}); call the samples 'samples'")
-    return next(iter(named or candidates), None)
 
 
 def _kind(dtype: Any, h5py: Any) -> str:

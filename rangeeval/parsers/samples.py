@@ -6,7 +6,7 @@ A format says how many rows and sensors it holds and opens itself for reading; a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
@@ -39,6 +39,7 @@ TIMES = spellings("time_s", "s")
 
 # The times of some rows (None: from the sampling rate) and their samples, (rows, sensors).
 ReadRows = Callable[[int, int], tuple[NDArray[Any] | None, NDArray[Any]]]
+Opened = Callable[[], AbstractContextManager[ReadRows]]
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class Recorded:
     where: str
     rows: int
     sensors: int
-    opened: Callable[[], AbstractContextManager[ReadRows]]
+    opened: Opened
     said: SensorArray = UNKNOWN_ARRAY
     time: str = ""
     samples: str = "samples"
@@ -169,6 +170,11 @@ def as_complex(values: NDArray[Any]) -> NDArray[Any]:
     return made
 
 
+def joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Samples out of one array, or of two of their real and imaginary part."""
+    return parts[0] if len(parts) == 1 else parts[0] + 1j * parts[1]
+
+
 def is_pair(names: tuple[str, ...] | None) -> bool:
     """Whether the fields of a compound are a real and an imaginary part."""
     return names is not None and tuple(n.casefold() for n in names) in PARTS
@@ -178,6 +184,39 @@ def split_part(name: str) -> tuple[str, str]:
     """The stem and the ending of a name that may say real or imaginary part: `x_imag` gives ('x', 'imag')."""
     stem, _, ending = name.casefold().rpartition("_")
     return stem, ending
+
+
+def among(wide: list[dict[str, Any]], path: str) -> dict[str, Any] | None:
+    """Which of the described matrices of a group are array samples; None for none. Raises InputError for several.
+
+    Each is described by `name`, `path`, `rows`, `sensors` and whether it is `complex` or `real` (`kind`); what is found
+    has `datasets` besides, the paths of the samples or of their real and imaginary part.
+    """
+    halves: dict[str, dict[str, dict[str, Any]]] = {}
+    for item in wide:
+        if item["kind"] == "real":
+            stem, ending = split_part(item["name"])
+            halves.setdefault(stem, {})[ending] = item
+    candidates = [{**item, "datasets": [item["path"]]} for item in wide if item["kind"] == "complex"]
+    for stem, parts in halves.items():
+        pair = next((pair for pair in PARTS if parts.keys() >= set(pair)), None)
+        if pair is None:
+            continue
+        real, imaginary = (parts[ending] for ending in pair)
+        if (real["rows"], real["sensors"]) != (imaginary["rows"], imaginary["sensors"]):
+            raise InputError(
+                f"'{one_line(real['path'], 100)}' and '{one_line(imaginary['path'], 100)}' differ in shape; expected "
+                "the real and the imaginary part of the same samples"
+            )
+        name = stem or f"{real['name']} + {imaginary['name']}"
+        candidates.append({**real, "name": name, "kind": "complex", "datasets": [real["path"], imaginary["path"]]})
+    if not candidates:
+        candidates = [{**item, "datasets": [item["path"]]} for item in wide if item["name"].casefold() in NAMES]
+    named = [item for item in candidates if item["name"].casefold() in NAMES]
+    if len(candidates) > 1 and len(named) != 1:
+        names = ", ".join(one_line(item["name"], 60) for item in candidates[:5])
+        raise InputError(f"'{one_line(path, 100)}' holds several complex arrays ({names}); call the samples 'samples'")
+    return next(iter(named or candidates), None)
 
 
 def shown(name: str) -> str:

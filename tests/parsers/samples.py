@@ -71,9 +71,88 @@ def write_npy(path: Path) -> None:
         np.save(file, structured())
 
 
+def cells(items: Any) -> np.ndarray:
+    """A column of MATLAB cells."""
+    made = np.empty((len(items), 1), object)
+    for i, item in enumerate(items):
+        made[i, 0] = item
+    return made
+
+
+def write_matlab(path: Path, columns: Mapping[str, Any] = COLUMNS, **options: Any) -> None:
+    import scipy.io
+
+    kept = {n: cells(v.tolist()) if v.dtype.kind == "U" else v for n, v in columns.items()}
+    with path.open("wb") as file:
+        scipy.io.savemat(file, kept, oned_as="column", **options)
+
+
+class Matlab73:
+    """A MATLAB 7.3 file by hand: columns are rows, text is UTF-16, cells and arrays of structs are references."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.file = h5py.File(path, "w", userblock_size=512)
+        self.count = 0
+
+    def __enter__(self) -> Matlab73:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.file.close()
+        with self.path.open("r+b") as stream:
+            stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64, HDF5 schema 1.00 .".ljust(124) + b"\0\2IM")
+
+    def put(self, group: Any, name: str, value: Any, kind: str = "", **options: Any) -> Any:
+        """A struct (dict), an array of structs (list of dicts), cells (object array), text, or numbers."""
+        if isinstance(value, dict):
+            item = group.create_group(name)
+            for inner, held in value.items():
+                self.put(item, inner, held, **options)
+            kind = "struct"
+        elif isinstance(value, list):
+            item = group.create_group(name)
+            for inner in value[0]:
+                item[inner] = self.references(cells([one[inner] for one in value]).T)
+            kind = "struct"
+        elif isinstance(value, str):
+            item = group.create_dataset(name, data=np.frombuffer(value.encode("utf-16-le"), "u2")[:, None])
+            item.attrs["MATLAB_int_decode"] = np.int32(2)
+            kind = "char"
+        elif value.dtype == object:
+            item = group.create_dataset(name, data=self.references(value.T))
+            kind = "cell"
+        else:
+            value = value[:, None] if value.ndim == 1 else value
+            if value.dtype.kind == "c":
+                pairs = np.empty(value.shape, [("real", "f8"), ("imag", "f8")])
+                pairs["real"], pairs["imag"] = value.real, value.imag
+                value = pairs
+            item = group.create_dataset(name, data=value.T, **options)
+            kind = kind or "double"
+        item.attrs["MATLAB_class"] = np.bytes_(kind)
+        return item
+
+    def references(self, items: np.ndarray) -> np.ndarray:
+        drawer = self.file.require_group("#refs#")
+        made = np.empty(items.shape, h5py.ref_dtype)
+        for place, item in np.ndenumerate(items):
+            self.count += 1
+            made[place] = self.put(drawer, f"r{self.count}", item).ref
+        return made
+
+
+def write_matlab73(path: Path, columns: Mapping[str, Any] = COLUMNS, **options: Any) -> None:
+    with Matlab73(path) as made:
+        for name, values in columns.items():
+            made.put(made.file, name, cells(values.tolist()) if values.dtype.kind == "U" else values, **options)
+
+
 # One small sample of a table for every entry of FORMATS that holds tables: a format without one fails its test.
 SAMPLES: dict[str, Callable[[Path], None]] = {
     "hdf5": write_hdf5,
+    "matlab": write_matlab,
+    "matlab-7.3": write_matlab73,
     "parquet": write_parquet,
     "npz": write_npz,
     "npy": write_npy,
@@ -101,6 +180,21 @@ def write_npz_samples(path: Path) -> None:
                  frequency_khz=6.25, propagation_speed_m_s=1500.0)  # fmt: skip
 
 
+def write_matlab_samples(path: Path) -> None:
+    import scipy.io
+
+    said = {"sensor_position_m": POSITIONS, "frequency_khz": 6.25, "propagation_speed_m_s": 1500.0}
+    with path.open("wb") as file:
+        scipy.io.savemat(file, {"time_s": np.arange(40) * 0.5, "samples": PHASES, **said})
+
+
+def write_matlab73_samples(path: Path) -> None:
+    said = {"sensor_position_m": POSITIONS, "frequency_khz": [[6.25]], "propagation_speed_m_s": [[1500.0]]}
+    with Matlab73(path) as made:
+        for name, values in ({"time_s": np.arange(40) * 0.5, "samples": PHASES} | said).items():
+            made.put(made.file, name, np.array(values))
+
+
 def sac_bytes(values: Any, station: str, order: str = "<", **header: Any) -> bytes:
     """A SAC file by the words of its manual: floats 0 to 69, integers to 109, then 192 bytes of text."""
     words = {"delta": 0.5, "b": 0.0, "stla": 36.5, "stlo": -112.25, "stel": 1400.0} | header
@@ -119,6 +213,8 @@ def write_sac(path: Path) -> None:
 
 SNAPSHOTS: dict[str, Callable[[Path], None]] = {
     "hdf5": write_hdf5_samples,
+    "matlab": write_matlab_samples,
+    "matlab-7.3": write_matlab73_samples,
     "npz": write_npz_samples,
     "sac": write_sac,
 }

@@ -13,8 +13,9 @@ from rangeeval.errors import InputError, MissingExtra, SettingsError
 from rangeeval.parsers import FORMATS, open_trial, sha256_of
 from tests.parsers.samples import COLUMNS, SAMPLES, compressed, csv_text, same, text_log, write_hdf5
 
-# SAC files hold samples of one sensor (test_snapshots.py), ASTERIX recordings plots and truth (test_asterix.py).
-TABLES = sorted(set(FORMATS) - {"sac", "asterix", "pcap"})
+# SAC files hold samples of one sensor (test_snapshots.py), ASTERIX recordings plots and truth (test_asterix.py), a binary
+# log needs trial.toml (test_binary.py).
+TABLES = sorted(set(FORMATS) - {"sac", "asterix", "pcap", "binary"})
 
 
 @pytest.mark.parametrize("name", TABLES)

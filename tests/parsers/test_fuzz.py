@@ -8,12 +8,15 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+import scipy.io
 
 from rangeeval.errors import RangeevalError
 from rangeeval.parsers import hdf5, open_trial
 from tests import recordings
-from tests.parsers.samples import SAMPLES, SNAPSHOTS, compressed, csv_text, write_hdf5
+from tests.parsers.samples import COLUMNS, SAMPLES, SNAPSHOTS, cells, compressed, csv_text, write_hdf5, write_matlab
+from tests.parsers.test_matlab import opaque, save5, save73
 
 SECONDS = float(os.environ.get("RANGEEVAL_FUZZ_SECONDS", "12"))
 
@@ -34,6 +37,29 @@ def hdf5_lzf(path: Path) -> None:
     write_hdf5(path, compression="lzf", chunks=(4,), shuffle=True)
 
 
+def matlab_nested(path: Path) -> None:
+    """Structs, an array of structs, cells and an object, not compressed: all of SciPy's reader has its part."""
+    one = {"time_s": np.array([[1.0]]), "alpha": np.array([[0.5]]), "beta": np.array([[0.1]]), "track_id": "A"}
+    save5(
+        path, {"run": {"gains": [one, one], "log": {**COLUMNS, "track_id": cells(COLUMNS["track_id"].tolist())}}}, False
+    )
+    path.write_bytes(path.read_bytes() + opaque("T", "table"))
+
+
+def matlab_packed(path: Path) -> None:
+    write_matlab(path, do_compression=True)
+
+
+def matlab_4(path: Path) -> None:
+    with path.open("wb") as file:
+        scipy.io.savemat(file, COLUMNS, format="4", oned_as="column")
+
+
+def matlab_73_nested(path: Path) -> None:
+    one = {"time_s": np.array([[1.0]]), "alpha": np.array([[0.5]]), "beta": np.array([[0.1]]), "track_id": "A"}
+    save73(path, {"run": {"gains": [one, one], "log": {**COLUMNS, "track_id": cells(COLUMNS["track_id"].tolist())}}})
+
+
 def asterix(path: Path) -> None:
     """Records of every category that gives a log, several in a block, two sensors, service messages."""
     path.write_bytes(b"".join(recordings.one_of_each()))
@@ -52,6 +78,10 @@ def asterix_pcapng(path: Path) -> None:
 WRITERS: dict[str, Callable[[Path], None]] = {
     **SAMPLES,
     **{f"{name}-snapshots": write for name, write in SNAPSHOTS.items()},
+    "matlab-nested": matlab_nested,
+    "matlab-packed": matlab_packed,
+    "matlab-4": matlab_4,
+    "matlab-7.3-nested": matlab_73_nested,
     "asterix": asterix,
     "pcap": asterix_pcap,
     "pcapng": asterix_pcapng,

@@ -32,6 +32,18 @@ def test_every_standard_storage_is_read(options: dict[str, Any], tmp_path: Path)
     same(read(tmp_path / "log"))
 
 
+@pytest.mark.parametrize("options", [{}, {"chunks": True, "compression": "gzip"}])
+@pytest.mark.parametrize("across", [False, True])
+def test_vectors_of_two_dimensions_are_columns(
+    across: bool, options: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """MATLAB's h5write stores a vector as one row or one column."""
+    monkeypatch.setattr(hdf5, "CHUNK_ROWS", 4)
+    columns = {name: values[None, :] if across else values[:, None] for name, values in COLUMNS.items()}
+    write_hdf5(tmp_path / "log", columns, **options)
+    same(read(tmp_path / "log"))
+
+
 def test_chunks_that_a_filter_has_skipped_are_read(tmp_path: Path) -> None:
     """lzf leaves a chunk alone that it cannot make smaller; a file open elsewhere in the process is read too."""
     columns = {**COLUMNS, "snr_db": np.random.default_rng(1).normal(size=6)}

@@ -50,7 +50,7 @@ OWN_BIN_CORRELATION = 100  # samples; bins with fewer borrow the correlation of 
 OWN_VARIANCES = 1000
 SHAPIRO_BELOW = 100
 TRACKS_DIFFER = 0.05  # level of the test
-FEW_A_TRACK = 5.0  # degrees of freedom: with fewer, what a track has in common weighs more than its samples tell
+FEW_A_TRACK = 5.0  # degrees of freedom a track, and updates that each lasts: the tracks then tell more than its samples
 UNEVEN_WEIGHTS = 1.01  # mean square of the weights over their squared mean
 MAD_EFFICIENCY = 0.3675  # of the median absolute deviation against the standard deviation, for normal samples
 
@@ -206,7 +206,8 @@ def _freedom(cell: Cell, memory: Memory, sigmas: Sigmas, flags: tuple[str, ...],
             # The kurtosis of n samples is at most n, and falls short the more the nearer it comes to that.
             nu *= 3.0 / (kurtosis * (1.0 + kurtosis / n))
         expected = 2.0 * float(squares.sum()) ** 2 * n / (nu * squares.size)
-        level = 1.0 if manoeuvres or nu < FEW_A_TRACK * tracks else TRACKS_DIFFER
+        lasting = nu < FEW_A_TRACK * tracks and n_eff < n / FEW_A_TRACK
+        level = 1.0 if manoeuvres or lasting else TRACKS_DIFFER
         return nu / cluster_excess(squares, cell.kept[c.TRACK], expected, level).allowance
 
     def weighted(row: int) -> float:
