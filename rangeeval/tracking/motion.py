@@ -1,10 +1,8 @@
 """Motion models as compiled kernels: predicted state, its Jacobian and process noise of each, and the covariance.
 
 States are padded to 9: position, velocity, and a third block that is the acceleration (`CA`), the vector turn rate
-(`CT`, `CT2`) or unused (`CV`, where its numbers are kept finite but mean nothing).
-
-Kernels of this package take arrays with a density (or a 3 x 3 matrix, written flat) in each row, and row numbers: a
-view of a row would be counted in and out at each call, which costs more than the arithmetic.
+(`CT`, `CT2`) or unused (`CV`, where its numbers are kept finite but mean nothing). Kernels work in a model's row, see
+`layout`.
 
 References
 ----------
@@ -19,244 +17,220 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rangeeval.compiled import compiled_ieee, compiled_inside
+from rangeeval.compiled import compiled_borrowing, compiled_inside
+from rangeeval.tracking.layout import JACOBIAN, NOISE, PREDICTED, PREDICTED_P, PRODUCT, WIDTH
 
 FloatArray = NDArray[np.float64]
 
 CV, CA, CT, CT2 = 0, 1, 2, 3
 MOTIONS = {"cv": CV, "ca": CA, "ct": CT, "ct-second-order": CT2}
-SMALL_TURN = 0.01  # w T below which the closed forms lose digits and the series are exact to the last
+SMALL_TURN = 0.1  # w T below which the closed forms lose digits and the series are exact to the last
+
+# Room of `turn`: velocity, w x v, w x (w x v); the matrices of w x and v x, row by row.
+VELOCITY, FIRST, SECOND = PRODUCT, PRODUCT + 3, PRODUCT + 6
+CROSS_W, CROSS_V = PRODUCT + 9, PRODUCT + 18
 
 
-@compiled_ieee
 def states_of(motion: int) -> int:
     """How many of the nine states a model has."""
     return 6 if motion == CV else 9
 
 
-@compiled_ieee
+def third_block(motion: int) -> int:
+    """What the third block of a model's state is: 0 nothing, 1 acceleration, 2 turn rate."""
+    return 0 if motion == CV else (1 if motion == CA else 2)
+
+
+@compiled_inside
 def process_noise(
-    motion: int, sigma: float, sigma_turn: float, dt: float, reference: float, continuous: bool, q: FloatArray, j: int
+    own: FloatArray, motion: int, sigma: float, sigma_turn: float, dt: float, reference: float, continuous: bool
 ) -> None:
-    """Write the six distinct elements of Q over `dt` into row `j` of `q` (models, 6): pp, pv, vv, pu, vu, uu (u the
-    third block).
+    """Process noise over `dt` into NOISE: its blocks are multiples of the unit matrix.
 
-    `sigma` and `sigma_turn` refer to one reference interval. Every block is a multiple of the unit matrix.
+    `sigma` and `sigma_turn` refer to one reference interval. With white noise in derivative n + 1 of the position the
+    block of derivatives i and k is dt^m / ((n - i)! (n - k)! m), m = 2 n + 1 - i - k; noise that is constant over a
+    step has g g' with g = (dt^2 / 2, dt, 1).
     """
-    s2 = sigma * sigma
-    for i in range(6):
-        q[j, i] = 0.0
-    if motion == CA:
-        if continuous:
-            s2 = s2 / reference
-            q[j, 0], q[j, 1], q[j, 2] = s2 * dt**5 / 20.0, s2 * dt**4 / 8.0, s2 * dt**3 / 3.0
-            q[j, 3], q[j, 4], q[j, 5] = s2 * dt**3 / 6.0, s2 * dt**2 / 2.0, s2 * dt
-        else:
-            q[j, 0], q[j, 1], q[j, 2] = s2 * dt**4 / 4.0, s2 * dt**3 / 2.0, s2 * dt**2
-            q[j, 3], q[j, 4], q[j, 5] = s2 * dt**2 / 2.0, s2 * dt, s2
-        return
+    n = 2 if motion == CA else 1
+    scale = sigma * sigma
     if continuous:
-        s2 = s2 * reference
-        q[j, 0], q[j, 1], q[j, 2] = s2 * dt**3 / 3.0, s2 * dt**2 / 2.0, s2 * dt
-    else:
-        q[j, 0], q[j, 1], q[j, 2] = s2 * dt**4 / 4.0, s2 * dt**3 / 2.0, s2 * dt**2
-    if motion != CV:
-        q[j, 5] = sigma_turn * sigma_turn * dt / reference
-
-
-@compiled_ieee
-def turn(x: FloatArray, row: int, to: int, dt: float, second_order: bool, f: FloatArray) -> None:
-    """Turn model at the state in `row` of `x` (n, 9): predicted position and velocity into row `to`, Jacobian into `f`
-    (54).
-
-    `f` has six rows of nine, for position, velocity, turn rate; the position's own block [I; 0] is not written.
-    """
-    v0, v1, v2 = x[row, 3], x[row, 4], x[row, 5]
-    w0, w1, w2 = x[row, 6], x[row, 7], x[row, 8]
-    square = w0 * w0 + w1 * w1 + w2 * w2
-    angle = math.sqrt(square) * dt
-    s1, s2, s3 = dt, 0.5 * dt * dt, 0.0
-    d1, d2, d3 = 0.0, 0.0, 0.0
-    if not second_order and angle < SMALL_TURN:
-        a2 = angle * angle
-        s1 = dt * (1.0 - a2 / 6.0 * (1.0 - a2 / 20.0))
-        s2 = dt * dt * (0.5 - a2 / 24.0 * (1.0 - a2 / 30.0))
-        s3 = dt * dt * dt * (1.0 / 6.0 - a2 / 120.0 * (1.0 - a2 / 42.0))
-        d1 = -dt * dt * dt * (1.0 / 3.0 - a2 / 30.0 * (1.0 - a2 / 28.0))
-        d2 = -dt * dt * dt * dt * (1.0 / 12.0 - a2 / 180.0 * (1.0 - a2 * 3.0 / 112.0))
-        d3 = -dt * dt * dt * dt * dt * (1.0 / 60.0 - a2 / 1260.0 * (1.0 - a2 / 48.0))
-    elif not second_order:
-        rate = math.sqrt(square)
-        s, c = math.sin(angle), math.cos(angle)
-        one = 1.0 / square
-        s1 = s / rate
-        s2 = (1.0 - c) * one
-        s3 = (angle - s) * one / rate
-        d1 = (angle * c - s) * one / rate
-        d2 = (angle * s - 2.0 * (1.0 - c)) * one * one
-        d3 = (3.0 * s - angle * c - 2.0 * angle) * one * one / rate
-    dot = w0 * v0 + w1 * v1 + w2 * v2
-    b0, b1, b2 = w1 * v2 - w2 * v1, w2 * v0 - w0 * v2, w0 * v1 - w1 * v0  # w x v
-    c0, c1, c2 = w0 * dot - v0 * square, w1 * dot - v1 * square, w2 * dot - v2 * square  # w x (w x v)
-    x[to, 0] = x[row, 0] + dt * v0 + s2 * b0 + s3 * c0
-    x[to, 1] = x[row, 1] + dt * v1 + s2 * b1 + s3 * c1
-    x[to, 2] = x[row, 2] + dt * v2 + s2 * b2 + s3 * c2
-    x[to, 3] = v0 + s1 * b0 + s2 * c0
-    x[to, 4] = v1 + s1 * b1 + s2 * c1
-    x[to, 5] = v2 + s1 * b2 + s2 * c2
-    _turn_rows(0, dt, s2, s3, d2, d3, v0, v1, v2, w0, w1, w2, b0, b1, b2, c0, c1, c2, dot, square, f)
-    _turn_rows(27, 1.0, s1, s2, d1, d2, v0, v1, v2, w0, w1, w2, b0, b1, b2, c0, c1, c2, dot, square, f)
-
-
-@compiled_inside
-def _turn_rows(
-    row: int, s0: float, s1: float, s2: float, d1: float, d2: float, v0: float, v1: float, v2: float,
-    w0: float, w1: float, w2: float, b0: float, b1: float, b2: float, c0: float, c1: float, c2: float,
-    dot: float, square: float, f: FloatArray,
-) -> None:  # fmt: skip
-    """Rows s0 I + s1 [w]x + s2 [w]x^2 (velocity) and -s1 [v]x + d1 b w' + s2 M + d2 c w' (turn rate) of the
-    Jacobian.
-    """
-    f[row + 3] = s0 + s2 * (w0 * w0 - square)
-    f[row + 4] = -s1 * w2 + s2 * w0 * w1
-    f[row + 5] = s1 * w1 + s2 * w0 * w2
-    f[row + 12] = s1 * w2 + s2 * w1 * w0
-    f[row + 13] = s0 + s2 * (w1 * w1 - square)
-    f[row + 14] = -s1 * w0 + s2 * w1 * w2
-    f[row + 21] = -s1 * w1 + s2 * w2 * w0
-    f[row + 22] = s1 * w0 + s2 * w2 * w1
-    f[row + 23] = s0 + s2 * (w2 * w2 - square)
-    # M = (w.v) I + w v' - 2 v w'; the terms with w' on the right are gathered in g
-    g0, g1, g2 = d1 * b0 + d2 * c0 - 2.0 * s2 * v0, d1 * b1 + d2 * c1 - 2.0 * s2 * v1, d1 * b2 + d2 * c2 - 2.0 * s2 * v2
-    f[row + 6] = g0 * w0 + s2 * (dot + w0 * v0)
-    f[row + 7] = g0 * w1 + s2 * w0 * v1 + s1 * v2
-    f[row + 8] = g0 * w2 + s2 * w0 * v2 - s1 * v1
-    f[row + 15] = g1 * w0 + s2 * w1 * v0 - s1 * v2
-    f[row + 16] = g1 * w1 + s2 * (dot + w1 * v1)
-    f[row + 17] = g1 * w2 + s2 * w1 * v2 + s1 * v0
-    f[row + 24] = g2 * w0 + s2 * w2 * v0 + s1 * v1
-    f[row + 25] = g2 * w1 + s2 * w2 * v1 - s1 * v0
-    f[row + 26] = g2 * w2 + s2 * (dot + w2 * v2)
-
-
-@compiled_inside
-def predict(
-    motion: int,
-    dt: float,
-    decay: float,
-    q: FloatArray,
-    j: int,
-    x: FloatArray,
-    p: FloatArray,
-    row: int,
-    to: int,
-    f: FloatArray,
-) -> None:
-    """Predict the density in `row` of `x` (n, 9) and `p` (n, 81) over `dt`, into row `to`.
-
-    `decay` multiplies the turn rate; row `j` of `q` is the process noise; `f` (162) is scratch. The covariance is
-    copied and then worked on in place: within one row the compiler knows which elements are apart, and vectorises.
-    """
-    for k in range(81):
-        p[to, k] = p[row, k]
+        scale = scale / reference if motion == CA else scale * reference
+    halved = motion == CA or not continuous
+    for c in range(9):
+        own[NOISE + c] = 0.0
+    for i in range(n + 1):
+        for k in range(n + 1):
+            power = float(2 * n + 1 - i - k) if continuous else float(4 - i - k)
+            shared = scale * math.pow(dt, power) / (power if continuous else 1.0)
+            shared *= (0.5 if i == 0 and halved else 1.0) * (0.5 if k == 0 and halved else 1.0)
+            own[NOISE + 3 * i + k] = shared
     if motion >= CT:
-        turn(x, row, to, dt, motion == CT2, f)
-        for a in range(6, 9):
-            x[to, a] = decay * x[row, a]
-        _turn_covariance(decay, p, to, f)
-    else:
-        third = 0.5 * dt * dt if motion == CA else 0.0
-        first = dt if motion == CA else 0.0
-        for a in range(3):
-            x[to, a] = x[row, a] + dt * x[row, 3 + a] + third * x[row, 6 + a]
-            x[to, 3 + a] = x[row, 3 + a] + first * x[row, 6 + a]
-            x[to, 6 + a] = x[row, 6 + a]
-        _shift(p, to, dt, first, third)
-    for a in range(3):
-        p[to, 10 * a] += q[j, 0]
-        p[to, 10 * a + 3] += q[j, 1]
-        p[to, 10 * a + 27] += q[j, 1]
-        p[to, 10 * a + 30] += q[j, 2]
-        p[to, 10 * a + 6] += q[j, 3]
-        p[to, 10 * a + 54] += q[j, 3]
-        p[to, 10 * a + 33] += q[j, 4]
-        p[to, 10 * a + 57] += q[j, 4]
-        p[to, 10 * a + 60] += q[j, 5]
+        own[NOISE + 8] = sigma_turn * sigma_turn * dt / reference
 
 
 @compiled_inside
-def _shift(p: FloatArray, to: int, dt: float, first: float, half: float) -> None:
-    """F P F' in place for constant acceleration, or velocity when `first` and `half` are zero."""
-    for c in range(27):
-        p[to, c] += dt * p[to, 27 + c] + half * p[to, 54 + c]
-        p[to, 27 + c] += first * p[to, 54 + c]
-    for a in range(9):
-        for b in range(3):
-            p[to, 9 * a + b] += dt * p[to, 9 * a + 3 + b] + half * p[to, 9 * a + 6 + b]
-            p[to, 9 * a + 3 + b] += first * p[to, 9 * a + 6 + b]
+def cross(own: FloatArray, to: int, at: int) -> None:
+    """Matrix of the cross product with the vector at `at`, row by row, into the nine numbers from `to` on."""
+    x, y, z = own[at], own[at + 1], own[at + 2]
+    own[to], own[to + 4], own[to + 8] = 0.0, 0.0, 0.0
+    own[to + 1], own[to + 2], own[to + 5] = -z, y, -x
+    own[to + 3], own[to + 6], own[to + 7] = z, -y, x
 
 
 @compiled_inside
-def _turn_covariance(decay: float, p: FloatArray, to: int, f: FloatArray) -> None:
-    """F P F' in place in row `to` for the turn model whose Jacobian is in the first 54 of `f`; the rest of `f` is
-    free.
+def turn(own: FloatArray, dt: float, second_order: bool) -> None:
+    """Turn model at the state in PREDICTED: predicted position and velocity in place, Jacobian into JACOBIAN.
+
+    The coefficients are s_n = (T^(n-2) / (n-2)! - s_(n-2)) / w^2 from s_0 = cos wT and s_1 = sin wT / w on: the sine
+    and cosine series from the power n on. Their derivatives by w, divided by w, need no division.
     """
+    w0, w1, w2 = own[PREDICTED + 6], own[PREDICTED + 7], own[PREDICTED + 8]
+    v0, v1, v2 = own[PREDICTED + 3], own[PREDICTED + 4], own[PREDICTED + 5]
+    square = w0 * w0 + w1 * w1 + w2 * w2
+    dot = w0 * v0 + w1 * v1 + w2 * v2
+    half = 0.5 * dt * dt
+    s1, s2, s3, d1, d2, d3 = dt, half, 0.0, 0.0, 0.0, 0.0
+    if not second_order:
+        a2 = square * dt * dt
+        if a2 < SMALL_TURN * SMALL_TURN:
+            s4 = (1.0 - a2 / 30.0 * (1.0 - a2 / 56.0 * (1.0 - a2 / 90.0))) / 24.0
+            s5 = (1.0 - a2 / 42.0 * (1.0 - a2 / 72.0 * (1.0 - a2 / 110.0))) / 120.0
+        else:
+            angle = math.sqrt(a2)
+            s4 = (0.5 - (1.0 - math.cos(angle)) / a2) / a2
+            s5 = (1.0 / 6.0 - (angle - math.sin(angle)) / (a2 * angle)) / a2
+        s4 *= half * half * 4.0
+        s5 *= half * half * 4.0 * dt
+        s3 = half * dt / 3.0 - square * s5
+        s2 = half - square * s4
+        s1 = dt - square * s3
+        d1, d2, d3 = s3 - dt * s2, 2.0 * s4 - dt * s3, 3.0 * s5 - dt * s4
+    cross(own, CROSS_W + 0, PREDICTED + 6)
+    cross(own, CROSS_V + 0, PREDICTED + 3)
+    for a in range(3):
+        own[VELOCITY + a] = own[PREDICTED + 3 + a]
+        row = CROSS_W + 3 * a
+        own[FIRST + a] = own[row] * v0 + own[row + 1] * v1 + own[row + 2] * v2
+        own[SECOND + a] = own[PREDICTED + 6 + a] * dot - own[VELOCITY + a] * square
+    for block in range(2):  # position, then velocity: A and B in t0 I + t1 [w]x + t2 [w]x^2, their derivatives by w
+        t0, t1, t2, e1, e2 = (dt, s2, s3, d2, d3) if block == 0 else (1.0, s1, s2, d1, d2)
+        for a in range(3):
+            row = 3 * block + a
+            w, v, b, c = own[PREDICTED + 6 + a], own[VELOCITY + a], own[FIRST + a], own[SECOND + a]
+            own[PREDICTED + row] = (own[PREDICTED + a] if block == 0 else 0.0) + t0 * v + t1 * b + t2 * c
+            bent = e1 * b + e2 * c - 2.0 * t2 * v
+            for k in range(3):
+                wk, vk = own[PREDICTED + 6 + k], own[VELOCITY + k]
+                own[JACOBIAN + 6 * k + row] = t1 * own[CROSS_W + 3 * a + k] + t2 * w * wk
+                own[JACOBIAN + 18 + 6 * k + row] = bent * wk + t2 * w * vk - t1 * own[CROSS_V + 3 * a + k]
+            own[JACOBIAN + 6 * a + row] += t0 - t2 * square
+            own[JACOBIAN + 18 + 6 * a + row] += t2 * dot
+
+
+@compiled_inside
+def predict(own: FloatArray, motion: int, dt: float, decay: float) -> None:
+    """Predict the density in PREDICTED over `dt`, in place; `decay` multiplies the turn rate."""
+    if motion >= CT:
+        turn(own, dt, motion == CT2)
+        for a in range(6, 9):
+            own[PREDICTED + a] *= decay
+        _turn_covariance(own, decay)
+    else:
+        first = dt if motion == CA else 0.0
+        third = 0.5 * dt * dt if motion == CA else 0.0
+        for a in range(3):
+            own[PREDICTED + a] += dt * own[PREDICTED + 3 + a] + third * own[PREDICTED + 6 + a]
+            own[PREDICTED + 3 + a] += first * own[PREDICTED + 6 + a]
+        for c in range(PREDICTED_P, PREDICTED_P + 27):
+            own[c] += dt * own[c + 27] + third * own[c + 54]
+            own[c + 27] += first * own[c + 54]
+        for a in range(PREDICTED_P, PREDICTED_P + 81, 9):
+            for c in range(a, a + 3):
+                own[c] += dt * own[c + 3] + third * own[c + 6]
+                own[c + 3] += first * own[c + 6]
+    for i in range(3):
+        for k in range(3):
+            for a in range(3):
+                own[PREDICTED_P + 27 * i + 3 * k + 10 * a] += own[NOISE + 3 * i + k]
+    for a in range(9):  # rounding must not add up to a covariance that is not symmetric
+        for c in range(a):
+            own[PREDICTED_P + 9 * a + c] = own[PREDICTED_P + 9 * c + a]
+
+
+@compiled_inside
+def _turn_covariance(own: FloatArray, decay: float) -> None:
+    """F P F' in place for the Jacobian of `turn`; only the upper triangle counts."""
     for a in range(6):
-        f3, f4, f5, f6, f7, f8 = f[9 * a + 3], f[9 * a + 4], f[9 * a + 5], f[9 * a + 6], f[9 * a + 7], f[9 * a + 8]
         for c in range(9):
-            f[54 + 9 * a + c] = (
-                f3 * p[to, 27 + c]
-                + f4 * p[to, 36 + c]
-                + f5 * p[to, 45 + c]
-                + f6 * p[to, 54 + c]
-                + f7 * p[to, 63 + c]
-                + f8 * p[to, 72 + c]
-            )
-    for c in range(27):  # the position's own block is the unit matrix
-        f[54 + c] += p[to, c]
+            total = own[PREDICTED_P + 9 * a + c] if a < 3 else 0.0  # the position's own block is the unit matrix
+            for k in range(6):
+                total += own[JACOBIAN + 6 * k + a] * own[PREDICTED_P + 27 + 9 * k + c]
+            own[PRODUCT + 9 * a + c] = total
     for a in range(6):
-        g = 54 + 9 * a
-        g3, g4, g5, g6, g7, g8 = f[g + 3], f[g + 4], f[g + 5], f[g + 6], f[g + 7], f[g + 8]
-        for c in range(a, 6):
-            total = (
-                g3 * f[9 * c + 3] + g4 * f[9 * c + 4] + g5 * f[9 * c + 5]
-                + g6 * f[9 * c + 6] + g7 * f[9 * c + 7] + g8 * f[9 * c + 8]
-            )  # fmt: skip
-            if c < 3:
-                total += f[g + c]
-            p[to, 9 * a + c] = total
-            p[to, 9 * c + a] = total
+        for c in range(6):
+            total = own[PRODUCT + 9 * a + c] if c < 3 else 0.0
+            for k in range(6):
+                total += own[PRODUCT + 9 * a + 3 + k] * own[JACOBIAN + 6 * k + c]
+            own[PREDICTED_P + 9 * a + c] = total
+    for a in range(6):
         for c in range(6, 9):
-            p[to, 9 * a + c] = decay * f[g + c]
-            p[to, 9 * c + a] = decay * f[g + c]
+            own[PREDICTED_P + 9 * a + c] = decay * own[PRODUCT + 9 * a + c]
     for a in range(6, 9):
         for c in range(6, 9):
-            p[to, 9 * a + c] *= decay * decay
+            own[PREDICTED_P + 9 * a + c] *= decay * decay
+
+
+@compiled_borrowing
+def _turned(states: FloatArray, dt: float, second_order: bool, jacobians: FloatArray, own: FloatArray) -> None:
+    for run in range(len(states)):
+        for a in range(9):
+            own[PREDICTED + a] = states[run, a]
+        turn(own, dt, second_order)
+        for a in range(6):
+            states[run, a] = own[PREDICTED + a]
+            for k in range(6):
+                jacobians[run, a, 3 + k] = own[JACOBIAN + 6 * k + a]
+
+
+@compiled_borrowing
+def _noise(
+    own: FloatArray, motion: int, sigma: float, sigma_turn: float, dt: float, reference: float, continuous: bool
+) -> None:
+    process_noise(own, motion, sigma, sigma_turn, dt, reference, continuous)
+
+
+def moved(motion: int, states: FloatArray, dt: float, decay: float = 1.0) -> tuple[FloatArray, FloatArray]:
+    """Predicted states (runs, n) of a model and the Jacobians (runs, n, n) of the prediction; n is `states_of`."""
+    runs, n = states.shape
+    jacobians = np.broadcast_to(np.eye(n), (runs, n, n)).copy()
+    if motion >= CT:
+        after = np.array(states, dtype=np.float64)
+        _turned(after, float(dt), motion == CT2, jacobians, np.zeros(WIDTH))
+        after[:, 6:] *= decay
+        jacobians[:, range(6, 9), range(6, 9)] = decay
+        return after, jacobians
+    jacobians[:, range(n - 3), range(3, n)] = dt
+    if motion == CA:
+        jacobians[:, range(3), range(6, 9)] = 0.5 * dt * dt
+    return states @ jacobians[0].T, jacobians
 
 
 def transition(motion: str, state: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
     """Predicted state (9,) of a model and the Jacobian (9, 9) of the prediction, for one state (9,)."""
-    kind = MOTIONS[motion]
-    n = states_of(kind)
-    x = np.zeros((2, 9))
-    x[0, :n] = np.asarray(state, dtype=np.float64)[:n]
-    f = np.eye(9)
-    if kind in (CT, CT2):
-        turn(x, 0, 1, dt, kind == CT2, f[:6].reshape(-1))
-        x[1, 6:] = x[0, 6:]
-        return x[1], f
-    f[0:3, 3:6] = f[3:6, 6:9] = dt * np.eye(3)
-    f[0:3, 6:9] = 0.5 * dt * dt * np.eye(3)
-    if kind == CV:
-        f[:6, 6:] = 0.0
-    return f @ x[0], f
+    n = states_of(MOTIONS[motion])
+    x, f = np.zeros(9), np.eye(9)
+    after, jacobians = moved(MOTIONS[motion], np.asarray(state, dtype=np.float64)[None, :n], dt)
+    x[:n], f[:n, :n] = after[0], jacobians[0]
+    return x, f
 
 
 def noise_matrix(
-    motion: str, sigma: float, sigma_turn: float, dt: float, reference: float = 1.0, continuous: bool = False
+    motion: str | int, sigma: float, sigma_turn: float, dt: float, reference: float = 1.0, continuous: bool = False
 ) -> FloatArray:
     """Process noise covariance (9, 9) of a model over `dt`; rows and columns of states it has not are zero."""
-    q = np.empty((1, 6))
-    process_noise(MOTIONS[motion], sigma, sigma_turn, dt, reference, continuous, q, 0)
-    pp, pv, vv, pu, vu, uu = q[0]
-    return np.kron(np.array([[pp, pv, pu], [pv, vv, vu], [pu, vu, uu]]), np.eye(3))
+    own = np.zeros(WIDTH)
+    kind = MOTIONS[motion] if isinstance(motion, str) else motion
+    _noise(own, kind, float(sigma), float(sigma_turn), float(dt), float(reference), continuous)
+    blocks: FloatArray = own[NOISE : NOISE + 9].reshape(3, 3)
+    matrix: FloatArray = np.kron(blocks, np.eye(3)).astype(np.float64)
+    return matrix

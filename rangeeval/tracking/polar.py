@@ -1,6 +1,6 @@
 """Range, azimuth and elevation: the measurement of a position, its Jacobian, and positions of measurements.
 
-Azimuth counter-clockwise from x, elevation up from the x-y plane. Kernels write 3 x 3 blocks.
+Azimuth counter-clockwise from x, elevation up from the x-y plane. Kernels work in a model's row, see `layout`.
 
 References
 ----------
@@ -15,7 +15,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rangeeval.compiled import compiled_ieee, compiled_inside
+from rangeeval.compiled import compiled_borrowing, compiled_inside
+from rangeeval.tracking.layout import AT, NU, PREDICTED, WIDTH, H, R, S
 
 FloatArray = NDArray[np.float64]
 
@@ -32,78 +33,84 @@ def wrap(angle: float) -> float:
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
-@compiled_ieee
-def measure(x: FloatArray, row: int, v: FloatArray, at: int, m: FloatArray, h: int) -> bool:
-    """Range, azimuth, elevation of the position in `row` of `x` into row `at` of `v` (n, 3), Jacobian into `h` of `m`
-    (n, 9).
+@compiled_inside
+def measure(own: FloatArray) -> bool:
+    """Range, azimuth, elevation of the predicted position into AT, their Jacobian into H.
 
     False when azimuth and elevation have no derivative (at the zenith, or at the radar): their rows are then zero.
     """
-    px, py, pz = x[row, 0], x[row, 1], x[row, 2]
+    px, py, pz = own[PREDICTED], own[PREDICTED + 1], own[PREDICTED + 2]
     flat2 = px * px + py * py
     flat = math.sqrt(flat2)
     r = math.sqrt(flat2 + pz * pz)
-    v[at, 0] = r
-    v[at, 1] = math.atan2(py, px)
-    v[at, 2] = math.atan2(pz, flat)
+    own[AT], own[AT + 1], own[AT + 2] = r, math.atan2(py, px), math.atan2(pz, flat)
     if not flat > NEAR_ZENITH * r:
         for k in range(9):
-            m[h, k] = 0.0
-        if r > 0.0:
-            m[h, 2] = pz / r
+            own[H + k] = 0.0
+        own[H + 2] = pz / r if r > 0.0 else 0.0
         return False
     one = 1.0 / r
-    across = pz * one * one / flat
-    m[h, 0], m[h, 1], m[h, 2] = px * one, py * one, pz * one
-    m[h, 3], m[h, 4], m[h, 5] = -py / flat2, px / flat2, 0.0
-    m[h, 6], m[h, 7], m[h, 8] = -px * across, -py * across, flat * one * one
+    along, across = 1.0 / flat2, pz * one * one / flat
+    own[H], own[H + 1], own[H + 2] = px * one, py * one, pz * one
+    own[H + 3], own[H + 4], own[H + 5] = -py * along, px * along, 0.0
+    own[H + 6], own[H + 7], own[H + 8] = -px * across, -py * across, flat * one * one
     return True
 
 
 @compiled_inside
-def convert(r: float, az: float, el: float, v: FloatArray, row: int) -> None:
-    """Position of range, azimuth, elevation into `row` of `v` (n, 3)."""
-    flat = r * math.cos(el)
-    v[row, 0] = flat * math.cos(az)
-    v[row, 1] = flat * math.sin(az)
-    v[row, 2] = r * math.sin(el)
-
-
-@compiled_ieee
-def conventional_covariance(
-    r: float, az: float, el: float, vr: float, va: float, ve: float, c: FloatArray, row: int
-) -> None:
-    """Covariance J R J' of a converted measurement with variances vr, va, ve, into `row` of `c` (n, 9)."""
+def convert(own: FloatArray, r: float, az: float, el: float, vr: float, va: float, ve: float) -> None:
+    """Position of range, azimuth, elevation into NU; its covariance J R J' into R, from the variances vr, va, ve."""
     ca, sa, ce, se = math.cos(az), math.sin(az), math.cos(el), math.sin(el)
-    d0 = (ca * ce, sa * ce, se)
-    d1 = (-r * sa * ce, r * ca * ce, 0.0)
-    d2 = (-r * ca * se, -r * sa * se, r * ce)
+    d, room = NU, S  # columns of J in the room of S
+    own[d], own[d + 1], own[d + 2] = r * ce * ca, r * ce * sa, r * se
+    own[room], own[room + 1], own[room + 2] = ca * ce, sa * ce, se
+    own[room + 3], own[room + 4], own[room + 5] = -r * sa * ce, r * ca * ce, 0.0
+    own[room + 6], own[room + 7], own[room + 8] = -r * ca * se, -r * sa * se, r * ce
     for i in range(3):
         for k in range(3):
-            c[row, 3 * i + k] = d0[i] * d0[k] * vr + d1[i] * d1[k] * va + d2[i] * d2[k] * ve
+            own[R + 3 * i + k] = (
+                own[room + i] * own[room + k] * vr
+                + own[room + 3 + i] * own[room + 3 + k] * va
+                + own[room + 6 + i] * own[room + 6 + k] * ve
+            )
 
 
-@compiled_ieee
-def unbiased_covariance(
-    r: float, az: float, el: float, vr: float, va: float, ve: float, c: FloatArray, row: int
-) -> None:
-    """Covariance of an unbiased converted measurement of a target at (r, az, el), into `row` of `c` (n, 9)."""
+@compiled_inside
+def unbiased_covariance(own: FloatArray, r: float, az: float, el: float, vr: float, va: float, ve: float) -> None:
+    """Covariance of an unbiased converted measurement of a target at (r, az, el), into R."""
     la2, le2 = math.exp(-va), math.exp(-ve)
     ca, sa, ce, se = math.cos(az), math.sin(az), math.cos(el), math.sin(el)
-    # mean squares of the cosines and sines of the noisy angles
-    a2, e2 = math.exp(-2.0 * va), math.exp(-2.0 * ve)
-    caca, sasa = 0.5 * (1.0 + a2 * math.cos(2.0 * az)), 0.5 * (1.0 - a2 * math.cos(2.0 * az))
-    cece, sese = 0.5 * (1.0 + e2 * math.cos(2.0 * el)), 0.5 * (1.0 - e2 * math.cos(2.0 * el))
-    casa, cese = 0.5 * a2 * math.sin(2.0 * az), 0.5 * e2 * math.sin(2.0 * el)
+    # mean squares and products of the cosines and sines of the noisy angles, from those of twice the angle
+    a2, e2 = la2 * la2, le2 * le2
+    cos2a, cos2e = a2 * (ca * ca - sa * sa), e2 * (ce * ce - se * se)
+    cece, casa, cese = 0.5 * (1.0 + cos2e), a2 * ca * sa, e2 * ce * se
     r2 = r * r + vr
     x, y, z = r * ce * ca, r * ce * sa, r * se
-    c[row, 0] = r2 * cece * caca / (la2 * le2) - x * x
-    c[row, 4] = r2 * cece * sasa / (la2 * le2) - y * y
-    c[row, 8] = r2 * sese / le2 - z * z
-    c[row, 1] = r2 * cece * casa / (la2 * le2) - x * y
-    c[row, 2] = r2 * cese * ca / le2 - x * z
-    c[row, 5] = r2 * cese * sa / le2 - y * z
-    c[row, 3], c[row, 6], c[row, 7] = c[row, 1], c[row, 2], c[row, 5]
+    flat, slant = r2 * cece / (la2 * le2), r2 * cese / le2
+    own[R] = flat * 0.5 * (1.0 + cos2a) - x * x
+    own[R + 4] = flat * 0.5 * (1.0 - cos2a) - y * y
+    own[R + 8] = r2 * 0.5 * (1.0 - cos2e) / le2 - z * z
+    own[R + 1] = flat * casa - x * y
+    own[R + 2] = slant * ca - x * z
+    own[R + 5] = slant * sa - y * z
+    own[R + 3], own[R + 6], own[R + 7] = own[R + 1], own[R + 2], own[R + 5]
+
+
+@compiled_borrowing
+def _measured(positions: FloatArray, jacobians: FloatArray, own: FloatArray) -> None:
+    for i in range(len(positions)):
+        for a in range(3):
+            own[PREDICTED + a] = positions[i, a]
+        measure(own)
+        for k in range(9):
+            jacobians[i, k] = own[H + k]
+
+
+@compiled_borrowing
+def _converted(z: FloatArray, variance: FloatArray, unbiased: bool, own: FloatArray) -> None:
+    convert(own, z[0], z[1], z[2], variance[0], variance[1], variance[2])
+    if unbiased:
+        unbiased_covariance(own, z[0], z[1], z[2], variance[0], variance[1], variance[2])
 
 
 def of_position(position_m: ArrayLike) -> FloatArray:
@@ -122,11 +129,9 @@ def to_position(polar: ArrayLike) -> FloatArray:
 
 def jacobian(position_m: ArrayLike) -> FloatArray:
     """Jacobian (..., 3, 3) of range, azimuth, elevation at positions (..., 3); rows of zeros where it has none."""
-    p = np.asarray(position_m, dtype=np.float64)
+    p = np.ascontiguousarray(position_m, dtype=np.float64)
     found = np.empty((*p.shape, 3))
-    each, rows, h = p.reshape(-1, 3), found.reshape(-1, 9), np.empty((1, 3))
-    for i in range(len(each)):
-        measure(each, i, h, 0, rows, i)
+    _measured(p.reshape(-1, 3), found.reshape(-1, 9), np.zeros(WIDTH))
     return found
 
 
@@ -142,8 +147,6 @@ def unbiased_position(polar: ArrayLike, sigma: ArrayLike) -> FloatArray:
 
 def converted_covariance(polar: ArrayLike, sigma: ArrayLike, *, unbiased: bool = False) -> FloatArray:
     """Covariance (3, 3) of one converted measurement at range, azimuth, elevation (3,)."""
-    r, az, el = np.asarray(polar, dtype=np.float64)
-    vr, va, ve = np.asarray(sigma, dtype=np.float64) ** 2
-    c = np.empty((1, 9))
-    (unbiased_covariance if unbiased else conventional_covariance)(r, az, el, vr, va, ve, c, 0)
-    return c.reshape(3, 3)
+    own = np.zeros(WIDTH)
+    _converted(np.array(polar, dtype=np.float64), np.array(sigma, dtype=np.float64) ** 2, unbiased, own)
+    return own[R : R + 9].reshape(3, 3)

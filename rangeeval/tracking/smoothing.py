@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rangeeval.tracking.cycle import DECAY, PRIOR, SIGMA, SIGMA_TURN, Setup, exponential
-from rangeeval.tracking.mixing import RESET, UNBIASED, UNBIASED_CROSS, third_block
-from rangeeval.tracking.motion import CA, CT, CT2, process_noise, states_of, turn
+from rangeeval.tracking.cycle import DECAY, PRIOR, SIGMA, SIGMA_TURN, Setup, probabilities_over
+from rangeeval.tracking.mixing import RESET, UNBIASED, UNBIASED_CROSS
+from rangeeval.tracking.motion import moved, noise_matrix, states_of, third_block
 
 FloatArray = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ def backward(setup: Setup, later: Densities, predicted: Densities, filtered: Den
         for i, from_motion in enumerate(motions):
             m = states_of(from_motion)
             x, p, cross = _converted(setup, i, j, filtered)
-            a, jacobian = _moved(motion, x, dt, float(setup.table[j, DECAY]))
+            a, jacobian = _moved(setup, j, x, dt)
             spread = jacobian @ p @ _t(jacobian) + _noise(setup, j, dt)[:n, :n]
             inverse = _inverse(spread)
             pq = _inverse(inverse + more)
@@ -109,7 +109,7 @@ def _rts(
 ) -> Densities:
     n = states_of(motion)
     x, p = filtered.state[:, 0, :n], filtered.covariance[:, 0, :n, :n]
-    jacobian = _moved(motion, x, dt, float(setup.table[0, DECAY]))[1]
+    jacobian = _moved(setup, 0, x, dt)[1]
     gain = p @ _t(jacobian) @ _inverse(predicted.covariance[:, 0, :n, :n])
     state, covariance = filtered.state.copy(), filtered.covariance.copy()
     state[:, 0, :n] = x + _times(gain, later.state[:, 0, :n] - predicted.state[:, 0, :n])
@@ -143,44 +143,21 @@ def _converted(setup: Setup, i: int, j: int, at: Densities) -> tuple[FloatArray,
     return y, s, cross
 
 
-def _moved(motion: int, x: FloatArray, dt: float, decay_rate: float) -> tuple[FloatArray, FloatArray]:
-    """Predicted states (runs, n) and Jacobians (runs, n, n)."""
-    runs, n = x.shape
-    if motion in (CT, CT2):
-        both, f = np.empty((2, 9)), np.empty(54)
-        moved, jacobian = np.empty((runs, 9)), np.zeros((runs, 9, 9))
-        decay = np.exp(-dt * decay_rate)
-        for run in range(runs):
-            both[0] = x[run]
-            turn(both, 0, 1, dt, motion == CT2, f)
-            moved[run, :6], moved[run, 6:] = both[1, :6], decay * x[run, 6:]
-            jacobian[run, :6, 3:] = f.reshape(6, 9)[:, 3:]
-        jacobian[:, range(3), range(3)] = 1.0
-        jacobian[:, range(6, 9), range(6, 9)] = decay
-        return moved, jacobian
-    shift = np.eye(n)
-    shift[0:3, 3:6] = dt * np.eye(3)
-    if motion == CA:
-        shift[3:6, 6:9], shift[0:3, 6:9] = dt * np.eye(3), 0.5 * dt * dt * np.eye(3)
-    return x @ shift.T, np.broadcast_to(shift, (runs, n, n))
+def _moved(setup: Setup, j: int, x: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
+    """Predicted states (runs, n) of model j and Jacobians (runs, n, n)."""
+    return moved(int(setup.motions[j]), x, dt, float(np.exp(-dt * setup.table[j, DECAY])))
 
 
 def _noise(setup: Setup, j: int, dt: float) -> FloatArray:
-    q = np.empty((1, 6))
     o, row = setup.scalars, setup.table[j]
-    process_noise(int(setup.motions[j]), row[SIGMA], row[SIGMA_TURN], dt, o.reference, o.continuous, q, 0)
-    pp, pv, vv, pu, vu, uu = q[0]
-    matrix: FloatArray = np.kron(np.array([[pp, pv, pu], [pv, vv, vu], [pu, vu, uu]]), np.eye(3))
-    return matrix
+    return noise_matrix(int(setup.motions[j]), row[SIGMA], row[SIGMA_TURN], dt, o.reference, o.continuous)
 
 
 def _transition(setup: Setup, dt: float) -> FloatArray:
     m = len(setup.motions)
     if abs(dt - setup.scalars.reference) <= 1e-9 * setup.scalars.reference:
         return setup.pi[:m]
-    room = setup.pi.copy()
-    exponential(room, dt, np.empty(27))
-    return room[2 * m :]
+    return probabilities_over(setup.pi, dt)
 
 
 def _integral(mean: FloatArray, covariance: FloatArray, more: FloatArray, vector: FloatArray) -> FloatArray:

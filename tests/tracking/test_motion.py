@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from rangeeval.tracking.motion import noise_matrix, transition
+from rangeeval.tracking.motion import SMALL_TURN, noise_matrix, transition
 
 STATE = np.array([21e3, 14e3, 400.0, -80.0, -390.0, 35.0, 0.04, -0.02, 0.15])
 
@@ -43,8 +43,8 @@ def test_series_and_closed_form_meet():
     """Just below and just above the switch the Jacobian is the same to the digits that the closed form has."""
     below, above = STATE.copy(), STATE.copy()
     unit = STATE[6:] / np.linalg.norm(STATE[6:])
-    below[6:], above[6:] = unit * 0.0099999999, unit * 0.0100000001
-    np.testing.assert_allclose(transition("ct", below, 1.0)[1], transition("ct", above, 1.0)[1], rtol=1e-5, atol=2e-5)
+    below[6:], above[6:] = unit * SMALL_TURN * (1 - 1e-12), unit * SMALL_TURN * (1 + 1e-12)
+    np.testing.assert_allclose(transition("ct", below, 1.0)[1], transition("ct", above, 1.0)[1], rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("motion", ["cv", "ca"])

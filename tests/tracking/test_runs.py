@@ -281,6 +281,14 @@ def test_bad_plots_are_flagged_and_spoil_nothing(name):
     assert np.any(found.flags[40:46] & (Flag.ABSURD | Flag.BROKEN))
 
 
+@pytest.mark.parametrize("name", ["kalman", "kalman-ca", "kalman-ct", "imm", "imm3"])
+def test_predicted_covariances_are_symmetric_to_the_last_bit(name):
+    """A difference of one bit between the triangles, carried on over many plots, would grow without bound."""
+    predicted = run(FILTERS[name], track(1), detail=True).detail.predicted_covariance[3:]
+    assert np.all(np.isfinite(predicted))
+    np.testing.assert_array_equal(predicted, np.swapaxes(predicted, -1, -2))
+
+
 @pytest.mark.parametrize("name", [*FILTERS])
 def test_a_jump_is_gated_and_then_followed(name):
     """A target that jumps by 100 km is not believed for two plots; with the third the track starts anew there."""
