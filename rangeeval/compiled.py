@@ -51,7 +51,10 @@ _BORROWING = {**_IEEE, "_nrt": False}
 def _compiled(function: F, options: dict[str, Any]) -> F:
     try:
         import numba
+        from numba.core.cpu import CPUTargetOptions
     except ImportError:
         return function
-    compiled_function: F = numba.njit(**{"nogil": True, "cache": True, "no_cfunc_wrapper": True, **options})(function)
+    # A numba without the option counts the references: slower, nothing else.
+    known = {name: value for name, value in options.items() if name != "_nrt" or hasattr(CPUTargetOptions, name)}
+    compiled_function: F = numba.njit(**{"nogil": True, "cache": True, "no_cfunc_wrapper": True, **known})(function)
     return compiled_function
