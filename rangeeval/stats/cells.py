@@ -15,13 +15,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rangeeval.compiled import compiled
-from rangeeval.stats.correlation import LagSums
+from rangeeval.stats.correlation import LagSums, lag_sums
 
 Array = NDArray[np.float64]
 
@@ -551,17 +551,8 @@ class Cell:
         step = np.diff(time)
         usual = float(np.median(step[step > 0.0])) if np.any(step > 0.0) else 0.0
         new = np.concatenate([[True], (np.diff(track) != 0.0) | (step <= 0.0) | (step > _PAUSE * usual)])
-        stretch = np.cumsum(new) - 1
-        longest = int(np.bincount(stretch).max())
-        # One after another with room for every lag between them, so that no pair is of two stretches.
-        place = np.arange(values.size) + LAGS * stretch
-        x, there = np.zeros(place[-1] + 1 + LAGS), np.zeros(place[-1] + 1 + LAGS)
-        x[place], there[place] = values, 1.0
-        shifted = [slice(k, x.size - LAGS + k) for k in range(LAGS + 1)]
-        products = np.array([x[shifted[0]] @ x[s] for s in shifted])
-        pairs = np.array([there[shifted[0]] @ there[s] for s in shifted])
-        none = np.zeros(LAGS + 1)
-        return LagSums(0.0, longest, pairs, products, none, none)
+        none = np.zeros(LAGS + 1)  # the mean is taken off already
+        return replace(lag_sums(values, LAGS, np.cumsum(new)), leading=none, trailing=none)
 
     def weight_spread(self, weight: int) -> float:
         """Mean square of the weights of the samples kept over the square of their mean: 1 when all are equal."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +85,7 @@ def spectra(recording: Recording, sources: int) -> list[Spectrum]:
         if np.count_nonzero(recording.usable[part]) * recording.bins < sensors:
             continue
         cov = covariance(recording.snapshots[part])
-        if not np.real(np.trace(cov, axis1=-2, axis2=-1)).min() > 0:
+        if _silent(cov):
             continue
         known = min(max(sources, 1), sensors - 1)
         found.append(
@@ -110,13 +111,18 @@ def counts(recording: Recording, blocks: int = MOST_COLUMNS) -> Counts:
         if usable < block // 2:
             continue
         cov = covariance(recording.snapshots[part])
-        if not np.real(np.trace(cov, axis1=-2, axis2=-1)).min() > 0:  # silence: a recorder that dropped out
+        if _silent(cov):
             continue
         found = count_sources(cov, usable)
         times.append(float(recording.time_s[part].mean()))
         mdl.append(found.mdl)
         aic.append(found.aic)
     return Counts(np.array(times), np.array(mdl, np.int64), np.array(aic, np.int64))
+
+
+def _silent(cov: NDArray[Any]) -> bool:
+    """Whether a frequency bin holds nothing: a recorder that dropped out."""
+    return not np.real(np.trace(cov, axis1=-2, axis2=-1)).min() > 0
 
 
 def _decibels(power: Floats) -> Floats:

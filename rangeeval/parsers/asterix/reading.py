@@ -18,6 +18,7 @@ from rangeeval.parsers.blocks import Block, Coded
 from rangeeval.parsers.clock import Clock
 from rangeeval.parsers.columns import Field
 from rangeeval.physics.geodesy import latitude_longitude
+from rangeeval.units import spellings
 
 Numbers = dict[str, NDArray[np.float64]]
 Offsets = NDArray[np.int64]
@@ -25,7 +26,7 @@ Offsets = NDArray[np.int64]
 _BATCH_BYTES = 1 << 20
 _NO_SENSOR = -1
 _LONGEST_ITEM = 64
-_FOOT_M = 0.3048
+_FOOT_M = spellings("height_m", "m")["height_ft"].factor
 _TARGET_REPORT = 1  # the message type of CAT010
 _DAMAGED = "data blocks that do not fit the tables of their edition: none of their records is read"
 _FOREIGN = "records of another sensor inside a data block: not read"

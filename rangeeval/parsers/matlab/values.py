@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rangeeval.errors import InputError
+from rangeeval.parsers.hdf5 import MAX_DEPTH
 from rangeeval.parsers.samples import as_complex
-
-MAX_DEPTH = 32
 
 
 @dataclass(frozen=True)
@@ -108,11 +107,6 @@ def check_depth(depth: int) -> None:
     """Raises InputError for structs and cells in each other without end."""
     if depth > MAX_DEPTH:
         raise InputError(f"structs and cells are nested deeper than {MAX_DEPTH}")
-
-
-def is_matrix(value: Value) -> bool:
-    """Whether it is made of numbers."""
-    return isinstance(value, (np.ndarray, Stored))
 
 
 def is_empty(value: Value) -> bool:
