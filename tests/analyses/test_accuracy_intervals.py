@@ -86,6 +86,18 @@ def test_where_a_track_is_hardly_more_than_one_sample_the_tracks_count():
     assert row.extra["nu"] < 4.0
 
 
+def test_lasting_memory_is_believed_of_tracks_that_happen_to_be_alike():
+    """Four tracks that ring with one strength scatter no more than chance: the allowance for four is made all the same."""
+    rng = np.random.default_rng(6)
+    each = 60 + SETTLING
+    track = np.repeat(np.arange(4), each)
+    data = log(rng, np.full(4 * each, 52_000.0), 0.3, track)
+    data["range_residual_m"] += 3.0 * np.where(np.arange(4 * each) % 2, 1.0, -1.0)
+    row = one(accuracy(data, Bins()), "range_sigma")
+    within = row.n_eff - 1.0  # what the samples leave
+    assert row.extra["nu"] == pytest.approx(within * (1.959964 / 3.182446) ** 2, rel=1e-5)
+
+
 def test_the_memory_of_an_angle_is_that_where_its_weights_are():
     """Residuals white far out and ringing close by: the angle, which weighs the last, has fewer degrees of freedom."""
     rng = np.random.default_rng(5)

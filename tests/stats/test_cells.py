@@ -82,6 +82,21 @@ def test_lag_products_never_pair_samples_of_different_tracks_or_stretches():
     assert pairs[1] == 4 * 49
 
 
+def test_weighted_lag_products_are_those_of_every_unbroken_stretch():
+    """Two tracks interleaved, each broken by another bin: products of the scaled samples written out, pair by pair."""
+    rng = np.random.default_rng(13)
+    x, track, r = rng.standard_normal(400) * 5, np.tile([0, 1], 200), np.linspace(5e4, 2e4, 400)
+    kind = np.where((np.arange(400) // 100) % 2 == 0, 0, 1)
+    cell = gathered(x, cell=kind, track=track, rng=r, cross=np.full(400, 1e4)).cell(0)
+    found = cell.weighted_lag_sums(c.ANGLE_WEIGHT, 0.5)
+    scaled = np.sqrt(q_cv(0.4, 0.1) / (r * r - 1e8)) * (x - 0.5)
+    stretches = [scaled[(track == t) & (np.arange(400) // 100 == part)] for t in (0, 1) for part in (0, 2)]
+    for k in range(LAGS + 1):
+        assert found.pairs[k] == sum(max(s.size - k, 0) for s in stretches)
+        assert found.products[k] == pytest.approx(sum(float(s[: s.size - k] @ s[k:]) for s in stretches), abs=1e-12)
+    assert found.longest == 50
+
+
 def test_a_missing_update_keeps_its_place():
     """A coasted update inside a stretch counts at no lag, and does not shift the others' lags."""
     x = np.random.default_rng(4).standard_normal(300)
